@@ -31,6 +31,7 @@
 //! Code that stores times should store a map whenever [`ClockMapper::version`] has changed.
 
 mod claim;
+mod config;
 mod epoch;
 mod fit;
 mod guard;
@@ -46,6 +47,7 @@ use std::collections::VecDeque;
 use session_archive::time::{HostTime, NS_PER_S, TickLength};
 
 use self::claim::Claim;
+use self::config::Config;
 use self::epoch::{Epoch, Sample, ticks_at};
 use self::fit::{Line, RatePrior, Terms};
 pub use self::guard::MonotoneGuard;
@@ -129,14 +131,6 @@ pub struct Step {
     pub shift_ns: i64,
 }
 
-/// Number of sigmas below the map from which a sample is no refinement.
-const STEP_SIGMAS: f64 = 4.0;
-/// Factor on the 99th percentile of lateness above which a single sample is suspicious.
-const SUSPECT_LATENESS_RATIO: f64 = 3.0;
-/// Quantile of lateness up to which a sample is on time.
-const ON_TIME_QUANTILE: f64 = 0.5;
-/// Lower bound of every sigma, ns: host timestamps are rounded, some to 1 us.
-const SIGMA_FLOOR_NS: f64 = 250.0;
 /// Maximum number of claims that are checked later, one for each fit of the line.
 const MAX_CLAIMS: usize = 256;
 
@@ -144,6 +138,7 @@ const MAX_CLAIMS: usize = 256;
 #[derive(Clone, Debug)]
 pub struct ClockMapper {
     config: ClockConfig,
+    tuning: Config,
     wander: f64,
     epoch: Option<Epoch>,
     tail: Tail,
@@ -188,6 +183,7 @@ impl ClockMapper {
         };
         Self {
             config,
+            tuning: Config::default(),
             wander: config.wander_ppb_per_s * 1e-18,
             epoch: None,
             tail: Tail::new(),
@@ -238,7 +234,7 @@ impl ClockMapper {
                 to: HostTime::MAX,
             });
             self.begin(
-                Epoch::starting(sample, self.first_terms()),
+                Epoch::starting(sample, self.first_terms(), &self.tuning),
                 HostTime(arrival),
             );
             return Observation::Accepted;
@@ -246,7 +242,7 @@ impl ClockMapper {
         let p = epoch.point(sample);
         let line = epoch.line();
         let height = p.lag - line.lag(p.x);
-        let tolerance = STEP_SIGMAS * line.sigma(p.x, self.wander);
+        let tolerance = self.tuning.steps.tolerance_sigmas * line.sigma(p.x, self.wander);
         self.last = Some(LatestSample {
             ticks,
             arrival,
@@ -259,7 +255,7 @@ impl ClockMapper {
         // Before the line has settled the minimum latency is unknown, but no latency is longer than
         // a burst.
         let possible = -(self.config.burst_ns as f64);
-        let low = height < -tolerance && (epoch.settled() || height < possible);
+        let low = height < -tolerance && (epoch.settled(&self.tuning) || height < possible);
         if low || matches!(self.suspicion, Some(Suspicion::Early { .. })) {
             return self.observe_early(
                 Early {
@@ -270,15 +266,22 @@ impl ClockMapper {
                 tolerance,
             );
         }
-        if let Some(alarm) = self.tail.watch(p, height, arrival, tolerance) {
+        if let Some(alarm) = self
+            .tail
+            .watch(p, height, arrival, tolerance, &self.tuning.tail)
+        {
             return self.observe_late(sample, alarm);
         }
         self.suspicion = None;
-        if height <= self.tail.quantile(ON_TIME_QUANTILE) + tolerance {
+        if height <= self.tail.quantile(self.tuning.steps.on_time_quantile) + tolerance {
             self.on_time = arrival;
         }
-        self.tail.learn(height);
-        if self.epoch.as_mut().is_some_and(|epoch| epoch.push(p)) {
+        self.tail.learn(height, &self.tuning.tail);
+        if self
+            .epoch
+            .as_mut()
+            .is_some_and(|epoch| epoch.push(p, &self.tuning))
+        {
             self.refit();
         }
         Observation::Accepted
@@ -293,9 +296,10 @@ impl ClockMapper {
         let ticks = self.ticks(ticks);
         let last = self.last?;
         let mut mapped = self.map.map(ticks)?;
+        let flags = &self.tuning.flags;
         let suspected = self.suspicion.is_some()
             || !self.behind.is_empty()
-            || last.height > SUSPECT_LATENESS_RATIO * self.map.residuals.p99_ns as f64;
+            || last.height > flags.suspect_lateness_ratio * self.map.residuals.p99_ns as f64;
         mapped.flagged = self.unsettled() || suspected;
         if suspected && last.height > self.config.burst_ns as f64 {
             // No latency is that long: the counter restarted, or has stopped. The only information
@@ -308,7 +312,8 @@ impl ClockMapper {
         let latest = HostTime(last.arrival.saturating_sub(self.config.latency_ns));
         let too_late = mapped.time.since(latest);
         if ticks <= last.ticks && too_late > 0 {
-            mapped.flagged |= too_late as u64 > mapped.sigma_ns.saturating_mul(5);
+            let max_excess = mapped.sigma_ns.saturating_mul(flags.max_excess_sigmas);
+            mapped.flagged |= too_late as u64 > max_excess;
             mapped.sigma_ns = mapped.sigma_ns.saturating_add(too_late as u64);
             mapped.time = latest;
         }
@@ -351,7 +356,7 @@ impl ClockMapper {
                 limit,
             },
             jitter: self.config.jitter_ns as f64,
-            floor: SIGMA_FLOOR_NS,
+            floor: self.tuning.fit.sigma_floor_ns,
             min_sigma: 0.0,
         }
     }

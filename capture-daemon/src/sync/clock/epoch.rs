@@ -3,19 +3,15 @@
 
 use std::collections::VecDeque;
 
-use session_archive::time::{HostTime, NS_PER_S, TickLength};
+use session_archive::time::{HostTime, TickLength};
 
-use super::fit::{Fit, Line, MIN_BLOCKS, Scratch, Terms, fit};
+use super::config::{Config, VertexConfig};
+use super::fit::{Fit, Line, Scratch, Terms, fit};
 use super::hull::{Block, Point};
 use super::map::{Model, Segment};
 
 /// Maximum number of blocks, which bounds memory (40 KiB) and the longest window of one line.
 const MAX_BLOCKS: usize = 256;
-/// Minimum number of samples in a closed block …
-const BLOCK_SAMPLES: u32 = 8;
-/// … and minimum duration of a closed block, ns, so that fast streams are not fitted more often
-/// than slow ones.
-const BLOCK_NS: f64 = 0.25 * NS_PER_S as f64;
 /// Maximum number of past vertices.
 const MAX_VERTICES: usize = 512;
 
@@ -48,7 +44,7 @@ pub(super) struct Epoch {
 
 impl Epoch {
     /// Starts with one sample; the sigma of its offset is the expected jitter.
-    pub(super) fn starting(origin: Sample, terms: Terms) -> Self {
+    pub(super) fn starting(origin: Sample, terms: Terms, config: &Config) -> Self {
         let mut epoch = Self {
             origin,
             terms,
@@ -58,7 +54,7 @@ impl Epoch {
             past: Vec::new(),
             scratch: Scratch::default(),
         };
-        epoch.refit(0.0);
+        epoch.refit(0.0, config);
         epoch
     }
 
@@ -73,19 +69,21 @@ impl Epoch {
     }
 
     /// Adds a sample beyond [`Epoch::newest_x`]; true if the line should be fitted again.
-    pub(super) fn push(&mut self, p: Point) -> bool {
+    pub(super) fn push(&mut self, p: Point, config: &Config) -> bool {
+        let config = &config.blocks;
         self.samples += 1;
         let line = &self.fit.line;
-        let much_lower = p.lag < line.lag(p.x) - 0.5 * line.sigma(p.x, 0.0);
+        let much_lower = p.lag < line.lag(p.x) - config.refit_sigmas * line.sigma(p.x, 0.0);
         let open = self
             .blocks
             .back_mut()
             .expect("an epoch has a block from its start");
-        let long_enough =
-            open.count >= BLOCK_SAMPLES && p.x - open.first_x() >= BLOCK_NS || open.is_full();
+        let long_enough = open.count >= config.min_samples
+            && p.x - open.first_x() >= config.min_duration_ns
+            || open.is_full();
         if !long_enough {
             open.push(p);
-            return much_lower || self.samples <= u64::from(2 * BLOCK_SAMPLES);
+            return much_lower || self.samples <= config.initial_samples;
         }
         if self.blocks.len() == MAX_BLOCKS {
             self.blocks.pop_front();
@@ -95,17 +93,17 @@ impl Epoch {
     }
 
     /// Fits the line to the present samples. At most some 1000 points are used.
-    pub(super) fn refit(&mut self, min_sigma: f64) {
+    pub(super) fn refit(&mut self, min_sigma: f64, config: &Config) {
         self.terms.min_sigma = min_sigma;
         let old = self.fit.line;
-        self.fit = fit(&self.blocks, &self.terms, &mut self.scratch);
+        self.fit = fit(&self.blocks, &self.terms, &config.fit, &mut self.scratch);
         if self.samples > 1 {
-            self.keep_past(&old);
+            self.keep_past(&old, &config.vertices);
         }
     }
 
     /// Keeps earlier lines as vertices, where the new line does not reach.
-    fn keep_past(&mut self, old: &Line) {
+    fn keep_past(&mut self, old: &Line, config: &VertexConfig) {
         let new = &self.fit.line;
         if new.from_x <= 0.0 {
             self.past.clear();
@@ -120,21 +118,23 @@ impl Epoch {
         let refuted = |v: &Vertex| {
             let sigma = new.sigma(v.x, 0.0);
             let apart = (v.lag - new.lag(v.x)).abs();
-            v.x > new.from_x && (v.sigma > 2.0 * sigma || apart > 2.0 * v.sigma.hypot(sigma))
+            v.x > new.from_x
+                && (v.sigma > config.max_sigma_ratio * sigma
+                    || apart > config.max_error_sigmas * v.sigma.hypot(sigma))
         };
         let given_up = self.past.iter().position(refuted).unwrap_or(usize::MAX);
         let ahead = self
             .past
-            .partition_point(|v| v.x <= new.x_ref - span / 16.0);
+            .partition_point(|v| v.x <= new.x_ref - span * config.min_distance_ratio);
         self.past.truncate(given_up.min(ahead).max(1));
         let last_x = self.past[self.past.len() - 1].x;
-        let next_x = new.x_ref - span / 8.0;
+        let next_x = new.x_ref - span * config.new_distance_ratio;
         if given_up < usize::MAX && new.from_x > last_x {
             self.past.push(vertex(new, new.from_x));
         } else if new.from_x > old.x_ref && new.from_x > last_x {
             // The rate changed; the old line holds up to here.
             self.past.push(vertex(old, new.from_x));
-        } else if next_x - last_x > span / 8.0 {
+        } else if next_x - last_x > span * config.min_spacing_ratio {
             self.past.push(vertex(new, next_x));
         }
         if self.past.len() > MAX_VERTICES {
@@ -189,8 +189,8 @@ impl Epoch {
     }
 
     /// Whether there are enough samples that the line's sigma is measured and no longer assumed.
-    pub(super) fn settled(&self) -> bool {
-        self.blocks.len() > MIN_BLOCKS
+    pub(super) fn settled(&self, config: &Config) -> bool {
+        self.blocks.len() > config.fit.min_blocks
     }
 
     /// Samples pushed.
@@ -204,9 +204,9 @@ impl Epoch {
     }
 
     /// Terms for later epochs of this clock.
-    pub(super) fn terms_for_next(&self) -> Terms {
+    pub(super) fn terms_for_next(&self, config: &Config) -> Terms {
         let mut terms = self.terms;
-        if self.settled() {
+        if self.settled(config) {
             terms.prior.expected = self.fit.line.rate;
         }
         terms
@@ -238,11 +238,12 @@ impl Epoch {
     }
 
     /// The map as segments, no more of them than the sigmas justify.
-    pub(super) fn segments(&self, tick: TickLength) -> Vec<Segment> {
+    pub(super) fn segments(&self, tick: TickLength, config: &Config) -> Vec<Segment> {
         let line = &self.fit.line;
         let now = vertex(line, line.x_ref);
         let mut vertices = self.past.clone();
-        vertices.retain(|v| v.x < now.x - (line.to_x - line.from_x) / 32.0);
+        let min_length = (line.to_x - line.from_x) * config.vertices.min_segment_ratio;
+        vertices.retain(|v| v.x < now.x - min_length);
         let from = vertices.first().map_or(0.0, |v| v.x);
         vertices.push(now);
         let vertices = simplify(&vertices);

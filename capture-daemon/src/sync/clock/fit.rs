@@ -19,27 +19,8 @@
 
 use std::collections::VecDeque;
 
+use super::config::FitConfig;
 use super::hull::{Block, Point, extend};
-
-/// Covariance inflation: factor from posterior standard deviations to reported sigmas. The errors
-/// of an envelope are exponential, not normal, and their scale is itself estimated from few
-/// samples; with this factor an error of 5 sigma is as rare (below one in 10^5 fits) as a normal
-/// distribution would make one expect of a large deviation, at the price of a sigma that is wider
-/// than the usual error.
-const SIGMA_INFLATION: f64 = 2.8;
-
-/// The scale at the edge is increased by the ratio of this to the number of blocks.
-const SMALL_SAMPLE_BLOCKS: f64 = 16.0;
-
-/// Minimum length of a window, in closed blocks; with fewer there is no choice.
-pub(super) const MIN_BLOCKS: usize = 8;
-
-/// Maximum distance of a longer window from a shorter one, in sigmas of the latter, for the two to
-/// agree.
-const AGREEMENT_SIGMAS: f64 = 2.0;
-
-/// Minimum log evidence for a rate against none (natural logarithm); with less, noise would decide.
-const MIN_LOG_EVIDENCE: f64 = 1.0;
 
 /// Prior of a clock's rate: without samples, or from before a step.
 #[derive(Clone, Copy, Debug)]
@@ -98,14 +79,19 @@ pub(super) struct Terms {
 }
 
 /// Fits the present line. `blocks` run from old to new and are not empty.
-pub(super) fn fit(blocks: &VecDeque<Block>, terms: &Terms, scratch: &mut Scratch) -> Fit {
+pub(super) fn fit(
+    blocks: &VecDeque<Block>,
+    terms: &Terms,
+    config: &FitConfig,
+    scratch: &mut Scratch,
+) -> Fit {
     let Scratch { hull, minima } = scratch;
     hull.clear();
     let (mut count, mut x_sum, mut lag_sum) = (0_u32, 0.0, 0.0);
     let to_x = blocks[blocks.len() - 1].last_x();
     let mut accepted: Vec<Fit> = Vec::with_capacity(8);
     // The newest block is still open and does not count.
-    let mut next = (MIN_BLOCKS + 1).min(blocks.len());
+    let mut next = (config.min_blocks + 1).min(blocks.len());
     for (age, block) in blocks.iter().rev().enumerate() {
         for &p in block.hull().iter().rev() {
             extend(hull, p);
@@ -127,12 +113,13 @@ pub(super) fn fit(blocks: &VecDeque<Block>, terms: &Terms, scratch: &mut Scratch
         let longer = window.fit(
             blocks.range(blocks.len() - next..blocks.len() - 1),
             terms,
+            config,
             minima,
         );
         let agrees = |shorter: &Fit| {
             [to_x, shorter.line.from_x].into_iter().all(|x| {
                 let apart = (longer.line.lag(x) - shorter.line.lag(x)).abs();
-                apart <= AGREEMENT_SIGMAS * shorter.line.sigma(x, 0.0)
+                apart <= config.agreement_sigmas * shorter.line.sigma(x, 0.0)
             })
         };
         if !accepted.iter().all(agrees) {
@@ -155,7 +142,10 @@ pub(super) fn fit(blocks: &VecDeque<Block>, terms: &Terms, scratch: &mut Scratch
         }
     });
     let unmodelled = unmodelled.fold(0.0, f64::max);
-    let sigma = chosen.line.sigma_ref.hypot(2.0 * unmodelled);
+    let sigma = chosen
+        .line
+        .sigma_ref
+        .hypot(config.window_difference_ratio * unmodelled);
     chosen.line.sigma_ref = sigma.max(terms.min_sigma);
     chosen
 }
@@ -182,13 +172,14 @@ impl Window<'_> {
         &self,
         blocks: impl Iterator<Item = &'b Block>,
         terms: &Terms,
+        config: &FitConfig,
         minima: &mut Vec<f64>,
     ) -> Fit {
         let (rate, height) = self.highest(terms.prior.limit);
         minima.clear();
         let at_zero = height - rate * self.x_mean;
         minima.extend(blocks.map(|b| b.lowest_above(at_zero, rate)));
-        let scale = if minima.len() < MIN_BLOCKS {
+        let scale = if minima.len() < config.min_blocks {
             // Too few for the edge alone: as if the latencies were exponential. The expected jitter
             // counts as one sample.
             let heights = self.count * (self.lag_mean - height) + terms.jitter;
@@ -196,10 +187,10 @@ impl Window<'_> {
         } else {
             // With fewer blocks, it is more likely that some of them look like a sharp edge by
             // chance.
-            edge_scale(minima) * (1.0 + SMALL_SAMPLE_BLOCKS / minima.len() as f64)
+            edge_scale(minima, config) * (1.0 + config.small_sample_blocks / minima.len() as f64)
         };
         let scale = scale.max(terms.floor);
-        self.posterior(rate, height, scale, terms)
+        self.posterior(rate, height, scale, terms, config)
     }
 
     /// Height at `x_mean` of the highest line of this rate that lies below all points.
@@ -216,7 +207,14 @@ impl Window<'_> {
     }
 
     /// Mean and spread of all lines below the points, each weighted by its likelihood.
-    fn posterior(&self, best_rate: f64, best_height: f64, scale: f64, terms: &Terms) -> Fit {
+    fn posterior(
+        &self,
+        best_rate: f64,
+        best_height: f64,
+        scale: f64,
+        terms: &Terms,
+        config: &FitConfig,
+    ) -> Fit {
         let RatePrior { expected, limit } = terms.prior;
         let mut sums = Moments::default();
         for (i, p) in self.hull.iter().enumerate() {
@@ -246,7 +244,7 @@ impl Window<'_> {
         let log_affine = (sums.mass / (2.0 * limit)).ln();
         let constant_height = self.height(expected);
         let log_constant = (constant_height - best_height) / scale;
-        let constant = log_constant + MIN_LOG_EVIDENCE >= log_affine;
+        let constant = log_constant + config.min_log_evidence >= log_affine;
 
         let mean_height = best_height - mean_drop - scale;
         let (rate, height) = if constant {
@@ -269,8 +267,9 @@ impl Window<'_> {
             x_ref,
             lag_ref: height + rate * shift,
             rate,
-            sigma_ref: SIGMA_INFLATION * (var_ref + model_ref * model_ref).sqrt() + terms.floor,
-            sigma_rate: SIGMA_INFLATION * (var_rate + model_rate * model_rate).sqrt(),
+            sigma_ref: config.sigma_inflation * (var_ref + model_ref * model_ref).sqrt()
+                + terms.floor,
+            sigma_rate: config.sigma_inflation * (var_rate + model_rate * model_rate).sqrt(),
             from_x: self.from_x,
             to_x: self.to_x,
         };
@@ -285,12 +284,13 @@ fn slope(a: Point, b: Point) -> f64 {
 /// Mean distance between neighbouring samples right above the line, ns: one over the density.
 ///
 /// `minima` holds the lowest height of each block. The line itself used up two of them.
-fn edge_scale(minima: &mut [f64]) -> f64 {
+fn edge_scale(minima: &mut [f64], config: &FitConfig) -> f64 {
     let n = minima.len();
     let mut kth = |depth: usize| *minima.select_nth_unstable_by(depth - 1, f64::total_cmp).1;
     let mut widest = 0.0_f64;
-    for depth in [32, 16, 8] {
-        if 2 * depth <= n || depth == 8 {
+    let [.., last] = config.edge_depths;
+    for depth in config.edge_depths {
+        if 2 * depth <= n || depth == last {
             widest = widest.max(kth(depth) / (depth - 2) as f64);
         }
     }
@@ -300,7 +300,7 @@ fn edge_scale(minima: &mut [f64]) -> f64 {
         // 1975, at depths that are four times each other).
         let (low, middle, high) = (kth(n / 64), kth(n / 16), kth(n / 4));
         let growth = (high - middle) / (middle - low).max(f64::MIN_POSITIVE);
-        let gap = (middle - low) * growth / (growth - 1.0).max(0.05) - middle;
+        let gap = (middle - low) * growth / (growth - 1.0).max(config.min_growth) - middle;
         widest = widest.max(gap);
     }
     widest
@@ -416,7 +416,8 @@ mod tests {
             min_sigma: 0.0,
         };
         let (rate, height) = window.highest(limit);
-        let fit = window.posterior(rate, height, scale, &terms).line;
+        let config = FitConfig::default();
+        let fit = window.posterior(rate, height, scale, &terms, &config).line;
 
         let (mut mass, mut r, mut rr, mut end, mut end2) = (0.0, 0.0, 0.0, 0.0, 0.0);
         let steps = 4000;
@@ -436,7 +437,7 @@ mod tests {
         }
         let (mean, sd) = (r / mass, (rr / mass - (r / mass).powi(2)).sqrt());
         assert!((fit.rate - mean).abs() < 0.01 * sd, "{} {}", fit.rate, mean);
-        assert!((fit.sigma_rate / SIGMA_INFLATION - sd).abs() < 0.01 * sd);
+        assert!((fit.sigma_rate / config.sigma_inflation - sd).abs() < 0.01 * sd);
         let (mean, sd) = (end / mass, (end2 / mass - (end / mass).powi(2)).sqrt());
         assert!(
             (fit.lag(9e6) - mean).abs() < 0.02 * sd,
@@ -444,6 +445,6 @@ mod tests {
             fit.lag(9e6),
             mean
         );
-        assert!((fit.sigma(9e6, 0.0) / SIGMA_INFLATION - sd).abs() < 0.02 * sd);
+        assert!((fit.sigma(9e6, 0.0) / config.sigma_inflation - sd).abs() < 0.02 * sd);
     }
 }

@@ -1,17 +1,11 @@
 //! The published map: when it changes, and which of its times later turn out to be unreliable.
 
-use session_archive::time::{HostTime, NS_PER_S};
+use session_archive::time::HostTime;
 
 use super::claim::Claim;
 use super::map::{Residuals, UnreliableSpan};
 use super::{ClockMapper, MAX_CLAIMS};
 
-/// Five sigmas are at least the size of a step that can remain undetected for this long, ns.
-const UNNOTICED_STEP_NS: f64 = 10.0 * NS_PER_S as f64;
-/// Maximum device time between published maps, ns.
-const MAX_PUBLISH_INTERVAL_NS: f64 = 10.0 * NS_PER_S as f64;
-/// Maximum error of a claim against later knowledge, in its sigmas.
-const MAX_CLAIM_ERROR_SIGMAS: f64 = 3.0;
 /// Maximum number of unreliable spans stored; older ones are merged.
 pub(super) const MAX_UNRELIABLE_SPANS: usize = 64;
 
@@ -46,14 +40,13 @@ impl ClockMapper {
         let (Some(epoch), Some(last)) = (&mut self.epoch, self.last) else {
             return;
         };
-        epoch.refit(self.min_sigma);
+        let config = &self.tuning.publication;
+        epoch.refit(self.min_sigma, &self.tuning);
         let line = *epoch.line();
-        let settles = epoch.settled();
-        self.tail.follow(&line);
-        self.min_sigma = self
-            .tail
-            .unnoticed(UNNOTICED_STEP_NS / epoch.period().max(1.0))
-            / 5.0;
+        let settles = epoch.settled(&self.tuning);
+        self.tail.follow(&line, &self.tuning.tail);
+        let samples = config.max_detection_ns / epoch.period().max(1.0);
+        self.min_sigma = self.tail.unnoticed(samples, &self.tuning.tail) / config.max_error_sigmas;
         let (x, old) = (line.to_x, self.published);
         let (sigma, old_sigma) = (line.sigma(x, self.wander), old.sigma(x, self.wander));
         let moved = (line.lag(x) - old.lag(x)).abs();
@@ -61,10 +54,11 @@ impl ClockMapper {
         if settles && let Some(mark_unreliable) = self.map.unreliable_spans.last_mut() {
             mark_unreliable.to = HostTime(last.arrival);
         }
-        let outdated = x - old.to_x > MAX_PUBLISH_INTERVAL_NS;
+        let outdated = x - old.to_x > config.max_interval_ns;
+        let [low, high] = config.sigma_ratio;
         if settles
-            || moved > 0.5 * old_sigma
-            || !(0.7..1.4).contains(&(sigma / old_sigma))
+            || moved > config.min_shift_sigmas * old_sigma
+            || !(low..high).contains(&(sigma / old_sigma))
             || outdated
         {
             self.audit();
@@ -86,6 +80,7 @@ impl ClockMapper {
     /// Marks the times of claims that proved wrong as unreliable.
     pub(super) fn audit(&mut self) {
         let Some(epoch) = &self.epoch else { return };
+        let config = &self.tuning.publication;
         let mut before: Option<&Claim> = None;
         let mut unreliable_spans = Vec::new();
         for (i, claim) in self.claims.iter().enumerate() {
@@ -94,13 +89,14 @@ impl ClockMapper {
             let wrong = |x: f64| {
                 let (lag, sigma) = epoch.best(x);
                 let off = (lag - claim.line.lag(x)).abs();
-                (off > sigma.hypot(MAX_CLAIM_ERROR_SIGMAS * claim.sigma)).then_some(off)
+                (off > sigma.hypot(config.max_claim_error_sigmas * claim.sigma)).then_some(off)
             };
             let to = HostTime(next.unwrap_or(claim).arrival);
             if let Some(off) = wrong(claim.x) {
                 // Wrong since the line was last confirmed, or since the error could have been
                 // detected.
-                let confirmed = epoch.last_touch(&claim.line, claim.x, 0.5 * off);
+                let confirmed =
+                    epoch.last_touch(&claim.line, claim.x, config.confirmation_ratio * off);
                 let noticed = HostTime(claim.arrival.saturating_sub(self.unnoticed(off)));
                 let from = before.map_or(claim.arrival, |b| b.arrival);
                 let from = confirmed.max(noticed).min(HostTime(from));
@@ -121,7 +117,7 @@ impl ClockMapper {
         self.published = *epoch.line();
         self.map.version += 1;
         self.map.model = epoch.model();
-        self.map.segments = epoch.segments(self.config.tick);
+        self.map.segments = epoch.segments(self.config.tick, &self.tuning);
         self.map.ticks_to = self.last.map_or(0, |last| last.ticks);
         self.map.samples_used = epoch.samples();
         self.map.residuals = Residuals {

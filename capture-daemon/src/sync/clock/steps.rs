@@ -8,15 +8,6 @@ use super::suspicion::{Early, Suspicion};
 use super::tail;
 use super::{ClockMapper, Observation, Step};
 
-/// Maximum number of samples held before early ones are judged.
-const MAX_EARLY_SAMPLES: usize = 16;
-/// Minimum number of early samples among them for a step.
-const MIN_EARLY_STEP_SAMPLES: usize = 3;
-/// Number of consecutive samples behind the newest tick that indicate a restarted counter.
-const MIN_RESTART_SAMPLES: usize = 4;
-/// Minimum number of samples in a burst for a step.
-const MIN_LATE_STEP_SAMPLES: u64 = 32;
-
 impl ClockMapper {
     /// The tick is not beyond the newest: reordered in transit, or the counter restarted.
     pub(super) fn observe_behind(&mut self, sample: Sample, height: f64) -> Observation {
@@ -28,7 +19,7 @@ impl ClockMapper {
             self.behind.clear();
         }
         self.behind.push(sample);
-        if self.behind.len() < MIN_RESTART_SAMPLES {
+        if self.behind.len() < self.tuning.steps.min_restart_samples {
             return Observation::OutOfOrder;
         }
         let samples = std::mem::take(&mut self.behind);
@@ -39,9 +30,10 @@ impl ClockMapper {
 
     /// An arrival earlier than possible, or one that came while such an arrival is being judged.
     pub(super) fn observe_early(&mut self, early: Early, tolerance: f64) -> Observation {
+        let config = &self.tuning.steps;
         let mut early_samples = match self.suspicion.take() {
             Some(Suspicion::Early { early_samples }) => early_samples,
-            _ => Vec::with_capacity(MAX_EARLY_SAMPLES),
+            _ => Vec::with_capacity(config.max_early_samples),
         };
         early_samples.push(early);
         let newest = early_samples
@@ -49,14 +41,14 @@ impl ClockMapper {
             .rev()
             .find(|e| e.low)
             .map_or(0.0, |e| e.height);
-        let reach = 3.0 * self.tail.quantile(0.99) + tolerance;
+        let reach = config.agreement_ratio * self.tail.quantile(0.99) + tolerance;
         let agrees = |e: &&Early| (e.height - newest).abs() <= reach;
         let low_and_agreeing = early_samples
             .iter()
             .filter(|e| e.low)
             .filter(agrees)
             .count();
-        if early.low && low_and_agreeing >= MIN_EARLY_STEP_SAMPLES {
+        if early.low && low_and_agreeing >= config.min_early_samples {
             let first = early_samples
                 .iter()
                 .position(|e| e.low && agrees(&e))
@@ -72,25 +64,25 @@ impl ClockMapper {
                     .filter(agrees)
                     .map(|e| e.sample),
             );
-            let unnoticed =
-                self.tail.overdue(-lowest) as f64 * self.epoch.as_ref().map_or(0.0, Epoch::period);
+            let unnoticed = self.tail.overdue(-lowest, &self.tuning.tail) as f64
+                * self.epoch.as_ref().map_or(0.0, Epoch::period);
             let after = early_samples[first]
                 .sample
                 .arrival
                 .saturating_sub(unnoticed as i64);
             return self.step(next, HostTime(after).max(self.map.since), lowest);
         }
-        if early_samples.len() < MAX_EARLY_SAMPLES {
+        if early_samples.len() < config.max_early_samples {
             self.suspicion = Some(Suspicion::Early { early_samples });
             return Observation::Suspect;
         }
         // No step. Far below the usual spread it is a wrong tick, else a new minimum latency.
-        let wrong = 10.0 * self.tail.quantile(0.5) + tolerance;
+        let wrong = config.wrong_tick_ratio * self.tail.quantile(0.5) + tolerance;
         if let Some(epoch) = &mut self.epoch {
             for e in early_samples.iter().filter(|e| e.height >= -wrong) {
                 let p = epoch.point(e.sample);
                 if p.x > epoch.newest_x() {
-                    epoch.push(p);
+                    epoch.push(p, &self.tuning);
                 }
             }
         }
@@ -102,15 +94,14 @@ impl ClockMapper {
     pub(super) fn observe_late(&mut self, sample: Sample, alarm: tail::Alarm) -> Observation {
         if let Some(Suspicion::Late { next, .. }) = &mut self.suspicion {
             let p = next.point(sample);
-            if p.x > next.newest_x() && next.push(p) {
-                next.refit(0.0);
+            if p.x > next.newest_x() && next.push(p, &self.tuning) {
+                next.refit(0.0, &self.tuning);
             }
         } else {
-            let terms = self
-                .epoch
-                .as_ref()
-                .map_or(self.first_terms(), Epoch::terms_for_next);
-            let next = Box::new(Epoch::starting(sample, terms));
+            let terms = self.epoch.as_ref().map_or(self.first_terms(), |epoch| {
+                epoch.terms_for_next(&self.tuning)
+            });
+            let next = Box::new(Epoch::starting(sample, terms, &self.tuning));
             self.suspicion = Some(Suspicion::Late {
                 next,
                 since: sample.arrival,
@@ -121,34 +112,33 @@ impl ClockMapper {
         };
         let burst = self.config.burst_ns;
         let lasted = sample.arrival.saturating_sub(*since) >= burst
-            && next.samples() >= MIN_LATE_STEP_SAMPLES;
-        let impossible =
-            alarm.height > burst as f64 && next.samples() >= MIN_EARLY_STEP_SAMPLES as u64;
+            && next.samples() >= self.tuning.steps.min_late_samples;
+        let impossible = alarm.height > burst as f64
+            && next.samples() >= self.tuning.steps.min_early_samples as u64;
         if !lasted && !impossible {
             return Observation::Suspect;
         }
         let Some(Suspicion::Late { mut next, .. }) = self.suspicion.take() else {
             return Observation::Suspect;
         };
-        next.refit(0.0);
+        next.refit(0.0, &self.tuning);
         let after = alarm.after.map_or(self.map.since, HostTime);
         self.step(*next, after, alarm.height)
     }
 
     /// An epoch of samples in order; samples whose tick does not increase are skipped.
     pub(super) fn epoch_of(&self, mut samples: impl Iterator<Item = Sample>) -> Option<Epoch> {
-        let terms = self
-            .epoch
-            .as_ref()
-            .map_or(self.first_terms(), Epoch::terms_for_next);
-        let mut epoch = Epoch::starting(samples.next()?, terms);
+        let terms = self.epoch.as_ref().map_or(self.first_terms(), |epoch| {
+            epoch.terms_for_next(&self.tuning)
+        });
+        let mut epoch = Epoch::starting(samples.next()?, terms, &self.tuning);
         for sample in samples {
             let p = epoch.point(sample);
             if p.x > epoch.newest_x() {
-                epoch.push(p);
+                epoch.push(p, &self.tuning);
             }
         }
-        epoch.refit(0.0);
+        epoch.refit(0.0, &self.tuning);
         Some(epoch)
     }
 
@@ -167,7 +157,11 @@ impl ClockMapper {
         let after = after.min(HostTime(self.on_time)).max(self.map.since);
         let mark_unreliable = UnreliableSpan {
             from: after,
-            to: if next.settled() { now } else { HostTime::MAX },
+            to: if next.settled(&self.tuning) {
+                now
+            } else {
+                HostTime::MAX
+            },
         };
         self.mark_unreliable(mark_unreliable);
         self.suspicion = None;
@@ -193,6 +187,6 @@ impl ClockMapper {
     /// Time for which a step of `height` can remain undetected, ns of host time.
     pub(super) fn unnoticed(&self, height: f64) -> i64 {
         let period = self.epoch.as_ref().map_or(0.0, Epoch::period);
-        (self.tail.overdue(height) as f64 * period) as i64
+        (self.tail.overdue(height, &self.tuning.tail) as f64 * period) as i64
     }
 }

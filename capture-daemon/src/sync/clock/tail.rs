@@ -7,16 +7,13 @@
 //! where S is the fraction of samples that are usually above m. A run that is too improbable raises
 //! an alarm; it ends when a sample is low enough to make the run probable again.
 
+use super::config::TailConfig;
 use super::fit::Line;
 use super::hull::Point;
 
 /// Histogram bins: four per factor of two, from 100 ns up to minutes.
 const BINS: usize = 128;
 const MIN_HEIGHT_NS: f64 = 100.0;
-/// Number of samples after which the weight of older ones is halved.
-const HALVING_SAMPLES: u32 = 20_000;
-/// Improbability of a run that raises an alarm (natural logarithm): once in hours at 400 Hz.
-const ALARM_NATS: f64 = 16.0;
 /// Maximum number of runs followed, from the longest to the newest.
 const MAX_RUNS: usize = 24;
 
@@ -31,7 +28,7 @@ pub(super) struct Tail {
     /// The last sample before all runs.
     start: Option<Before>,
     count: u64,
-    /// 90th percentile of the height, ns.
+    /// Height of a usual delay, ns.
     usual: f64,
 }
 
@@ -94,6 +91,7 @@ impl Tail {
         height: f64,
         arrival: i64,
         tolerance: f64,
+        config: &TailConfig,
     ) -> Option<Alarm> {
         self.count += 1;
         self.push(Run {
@@ -110,7 +108,7 @@ impl Tail {
                 (before.at, arrival.saturating_sub(before.arrival) as f64)
             });
             let length = ((self.count - at) as f64).min(since / self.usual.max(1.0));
-            run.height > tolerance && length * self.nats(run.height) > ALARM_NATS
+            run.height > tolerance && length * self.nats(run.height) > config.alarm_nats
         };
         let run = self.runs.iter().find(improbable)?;
         Some(Alarm {
@@ -134,23 +132,23 @@ impl Tail {
     }
 
     /// Adds a height to the histogram.
-    pub(super) fn learn(&mut self, height: f64) {
+    pub(super) fn learn(&mut self, height: f64, config: &TailConfig) {
         self.bins[bin(height)] += 1;
         self.total += 1;
-        if self.total >= HALVING_SAMPLES {
+        if self.total >= config.halving_samples {
             self.bins.iter_mut().for_each(|b| *b /= 2);
             self.total = self.bins.iter().sum();
         }
     }
 
     /// The line has changed: heights of the runs are recomputed.
-    pub(super) fn follow(&mut self, line: &Line) {
+    pub(super) fn follow(&mut self, line: &Line, config: &TailConfig) {
         let mut sum = 0;
         for (above, count) in self.above.iter_mut().zip(self.bins).rev() {
             sum += count;
             *above = sum;
         }
-        self.usual = self.quantile(0.9);
+        self.usual = self.quantile(config.delay_quantile);
         for mut run in std::mem::take(&mut self.runs) {
             if run.lowest.x < line.from_x {
                 // The line gives no height for it.
@@ -173,13 +171,13 @@ impl Tail {
     }
 
     /// Number of samples after which one lower than `height` is overdue.
-    pub(super) fn overdue(&self, height: f64) -> u64 {
-        (ALARM_NATS / self.nats(height).max(1e-3)).ceil() as u64
+    pub(super) fn overdue(&self, height: f64, config: &TailConfig) -> u64 {
+        (config.alarm_nats / self.nats(height).max(1e-3)).ceil() as u64
     }
 
     /// Height at which one lower sample in `samples` is not overdue yet, ns.
-    pub(super) fn unnoticed(&self, samples: f64) -> f64 {
-        let share = (-ALARM_NATS / samples.max(1.0)).exp();
+    pub(super) fn unnoticed(&self, samples: f64, config: &TailConfig) -> f64 {
+        let share = (-config.alarm_nats / samples.max(1.0)).exp();
         let least = share * (f64::from(self.above[0]) + 1.0) - 1.0;
         let below = |above: &u32| f64::from(*above) < least;
         self.above.iter().position(below).map_or(0.0, upper_edge)
@@ -231,6 +229,7 @@ mod tests {
 
     #[test]
     fn a_run_of_high_samples_raises_an_alarm_and_a_low_one_ends_it() {
+        let config = TailConfig::default();
         let mut tail = Tail::new();
         let mut number = 0_u64;
         let mut next = |tail: &mut Tail, height: f64| {
@@ -239,14 +238,14 @@ mod tests {
                 x: number as f64,
                 lag: height,
             };
-            tail.watch(p, height, number as i64 * 10_000_000, 1e3)
+            tail.watch(p, height, number as i64 * 10_000_000, 1e3, &config)
         };
         // Heights spread evenly over 1 ms.
         for i in 0..1000_u64 {
             let height = (i * 7919 % 1000) as f64 * 1e3;
             assert!(next(&mut tail, height).is_none(), "sample {i}");
-            tail.learn(height);
-            tail.follow(&Line::default());
+            tail.learn(height, &config);
+            tail.follow(&Line::default(), &config);
         }
         let quiet = (0..100).position(|_| next(&mut tail, 0.8e6).is_some());
         assert!((8..16).contains(&quiet.expect("an alarm")), "{quiet:?}");
