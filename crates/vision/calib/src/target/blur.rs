@@ -1,6 +1,6 @@
 //! Image noise and sharpness of the borders of a board.
 
-use super::config::Config;
+use super::config::{BlurConfig, Config};
 use super::image::{ImageView, Smooth};
 use super::saddle;
 
@@ -92,15 +92,15 @@ pub(super) fn measure(
         let length = (along[0] * along[0] + along[1] * along[1]).sqrt();
         let reach = border
             .clear
-            .min(0.35 * length)
+            .min(config.blur.max_reach_ratio * length)
             .min(config.blur.max_reach_px);
         if reach < config.blur.min_reach_px {
             continue;
         }
         let normal = [-along[1] / length, along[0] / length];
-        for t in [0.4, 0.5, 0.6] {
+        for t in config.blur.positions {
             let middle = [0, 1].map(|k| a[k] + t * along[k]);
-            let Some(width) = width(image, middle, normal, reach, config.blur.min_contrast) else {
+            let Some(width) = width(image, middle, normal, reach, &config.blur) else {
                 continue;
             };
             let [x, y] = normal;
@@ -123,7 +123,7 @@ pub(super) fn measure(
         }
     }
     // Weak regularization to round blur and no tone curve, for boards with too few crossings.
-    let little = 1e-3 * f64::from(count);
+    let little = config.blur.regularization * f64::from(count);
     equations.add([little, 0.0, -little, 0.0], 0.0);
     equations.add([0.0, little, 0.0, 0.0], 0.0);
     equations.add([0.0, 0.0, 0.0, little], 0.0);
@@ -163,7 +163,7 @@ fn crossing_level(
     if clear < config.blur.min_reach_px {
         return None;
     }
-    let crossing = saddle::fit_rays(smooth, at, 3.0, &config.saddles)?;
+    let crossing = saddle::fit_rays(smooth, at, config.blur.crossing_radius_px, &config.saddles)?;
     let [d0, d1, d2, d3] = crossing.rays.map(|r| {
         let (sin, cos) = libm::sincos(r);
         [cos, sin]
@@ -172,7 +172,7 @@ fn crossing_level(
     let sector = |a: [f64; 2], b: [f64; 2]| {
         let middle = [a[0] + b[0], a[1] + b[1]];
         let length = (middle[0] * middle[0] + middle[1] * middle[1]).sqrt();
-        let out = clear.min(10.0) / length.max(0.1);
+        let out = clear.min(config.blur.max_sector_px) / length.max(0.1);
         image.sample([at[0] + out * middle[0], at[1] + out * middle[1]])
     };
     let dark = 0.5 * (sector(d0, d1)? + sector(d2, d3)?);
@@ -247,7 +247,7 @@ fn width(
     middle: [f64; 2],
     normal: [f64; 2],
     reach: f64,
-    min_contrast: f64,
+    config: &BlurConfig,
 ) -> Option<f64> {
     let steps = (4.0 * reach) as usize;
     let sample = |i: usize| {
@@ -255,14 +255,14 @@ fn width(
         image.sample([0, 1].map(|k| middle[k] + o * normal[k]))
     };
     let values: Vec<f64> = (0..=steps).map(sample).collect::<Option<_>>()?;
-    // The levels on both sides: the outer quarter of the profile.
-    let outer = (values.len() / 5).max(2);
+    // The levels on both sides: the outer parts of the profile.
+    let outer = (values.len() / config.level_divisor).max(2);
     let mean = |v: &[f64]| v.iter().sum::<f64>() / v.len() as f64;
     let (low, high) = (
         mean(&values[..outer]),
         mean(&values[values.len() - outer..]),
     );
-    if (high - low).abs() < min_contrast {
+    if (high - low).abs() < config.min_contrast {
         return None;
     }
     // Outwards from the middle of the step, so that noise far away does not count.

@@ -3,7 +3,7 @@
 use boards::{Dictionary, Target};
 
 use super::blur::Border;
-use super::config::{Config, MarkerConfig};
+use super::config::{Config, LatticeConfig, MarkerConfig};
 use super::decode::{self, Book, Layout};
 use super::image::ImageView;
 use super::lattice::{self, Lattice};
@@ -52,7 +52,7 @@ pub(super) fn find(scene: &Scene, target: &Target, columns: i32, rows: i32) -> F
     let mut remark = None;
     for mut lattice in lattice::grow(&scene.saddles, &scene.links, least, config) {
         let mut places: Vec<[f64; 2]> = scene.saddles.iter().map(|s| s.at).collect();
-        cut_fringe(&mut lattice);
+        cut_fringe(&mut lattice, config);
         if lattice.nodes.len() < least {
             continue;
         }
@@ -74,7 +74,12 @@ pub(super) fn find(scene: &Scene, target: &Target, columns: i32, rows: i32) -> F
             };
         }
         found = Some(place_chessboard(
-            target, &lattice, &places, columns, rows, low, high,
+            target,
+            &lattice,
+            &places,
+            columns,
+            rows,
+            &scene.config,
         ));
     }
     found.unwrap_or(Found {
@@ -83,10 +88,10 @@ pub(super) fn find(scene: &Scene, target: &Target, columns: i32, rows: i32) -> F
     })
 }
 
-/// Removes rows and columns at the edge with only one or two crossings, caused by a shadow or an
-/// object beside the board.
-fn cut_fringe(lattice: &mut Lattice) {
-    for _ in 0..8 {
+/// Removes rows and columns at the edge with only a few crossings, caused by a shadow or an object
+/// beside the board.
+fn cut_fringe(lattice: &mut Lattice, config: &LatticeConfig) {
+    for _ in 0..config.max_fringe_lines {
         if lattice.nodes.is_empty() {
             return;
         }
@@ -94,8 +99,10 @@ fn cut_fringe(lattice: &mut Lattice) {
         // The least and the largest column, then row.
         let edges = [(1, low[0]), (1, high[0]), (0, low[1]), (0, high[1])];
         let on = |at: &(i32, i32), (axis, value): (usize, i32)| [at.0, at.1][axis] == value;
-        let few =
-            |edge: &(usize, i32)| lattice.nodes.keys().filter(|at| on(at, *edge)).count() <= 2;
+        let few = |edge: &(usize, i32)| {
+            let corners = lattice.nodes.keys().filter(|at| on(at, *edge)).count();
+            corners <= config.max_fringe_corners
+        };
         let Some(edge) = edges.iter().copied().find(few) else {
             return;
         };
@@ -106,7 +113,8 @@ fn cut_fringe(lattice: &mut Lattice) {
 /// Searches for missing inner corners again with lower thresholds.
 fn fill(scene: &Scene, lattice: &mut Lattice, places: &mut Vec<[f64; 2]>) {
     let (low, high) = lattice.extent();
-    for _ in 0..3 {
+    let config = &scene.config.lattice;
+    for _ in 0..config.max_searches {
         let mut more = Vec::new();
         for y in low[1]..=high[1] {
             for x in low[0]..=high[0] {
@@ -116,15 +124,18 @@ fn fill(scene: &Scene, lattice: &mut Lattice, places: &mut Vec<[f64; 2]>) {
                 let Some((guess, step)) = lattice.guess(|n| places[n], (y, x)) else {
                     continue;
                 };
-                let near = (0.2 * step).clamp(1.0, 4.0);
-                let reach = (0.4 * step).clamp(2.6, 4.0);
+                let [least, most] = config.search_shift_px;
+                let near = (config.search_shift_ratio * step).clamp(least, most);
+                let [least, most] = config.search_window_px;
+                let reach = (config.search_window_ratio * step).clamp(least, most);
                 let window = Window::round(reach, &scene.config.refinement);
                 let Some(at) = refine::refine_corner(&scene.smooth, guess, &window, near) else {
                     continue;
                 };
-                let radius = 3.0_f32.min(0.4 * step as f32);
-                let config = &scene.config.saddles;
-                if saddle::fit_rays(&scene.smooth, at, radius, config).is_some() {
+                let radius = config.search_radius_ratio * step as f32;
+                let radius = config.max_search_radius_px.min(radius);
+                let saddles = &scene.config.saddles;
+                if saddle::fit_rays(&scene.smooth, at, radius, saddles).is_some() {
                     more.push(((y, x), at));
                 }
             }
@@ -145,9 +156,9 @@ fn place_chessboard(
     places: &[[f64; 2]],
     columns: i32,
     rows: i32,
-    low: [i32; 2],
-    high: [i32; 2],
+    config: &Config,
 ) -> Found {
+    let (low, high) = lattice.extent();
     // Possible positions of the board's corner (0, 0): one for each quarter turn.
     let origins = [low, [high[0], low[1]], high, [low[0], high[1]]];
     let fits = |turns: usize| {
@@ -192,7 +203,7 @@ fn place_chessboard(
             down_right(a).total_cmp(&down_right(b))
         })
         .expect("the lattice has the board's size one way or the other");
-    let mut found = collect(lattice, places, &placement, [columns, rows], 0.5);
+    let mut found = collect(lattice, places, &placement, [columns, rows], 0.5, config);
     found.half_turn = target.is_rotationally_symmetric();
     found
 }
@@ -204,6 +215,7 @@ fn collect(
     placement: &Placement,
     size: [i32; 2],
     room: f64,
+    config: &Config,
 ) -> Found {
     let mut found = Found::default();
     for ((y, x), node) in &lattice.nodes {
@@ -225,7 +237,7 @@ fn collect(
             }
             if dx + dy > 0 {
                 let ends = [at, places[*other]];
-                let clear = room.min(0.35) * distance(at, places[*other]);
+                let clear = room.min(config.blur.max_reach_ratio) * distance(at, places[*other]);
                 found.borders.push(Border { ends, clear });
             }
         }
@@ -290,7 +302,8 @@ pub(super) fn find_with_markers(
             &places,
             &placement,
             [board.columns - 1, board.rows - 1],
-            (1.3 * margin).min(0.5),
+            (config.markers.clear_margin_ratio * margin).min(0.5),
+            config,
         );
         for corner in part.corners {
             match found
@@ -350,9 +363,8 @@ struct Board {
 }
 
 impl Board {
-    /// The placement that the markers agree on. It needs at least two markers without
-    /// contradiction, or more than three for each contradicting one; and no square that should have
-    /// a marker may have another one.
+    /// The placement that the markers agree on: enough of them, and several for each contradicting
+    /// one. Few squares that should have a marker may have another one.
     fn vote(
         &self,
         image: &ImageView<'_>,
@@ -408,7 +420,11 @@ impl Board {
         }
         let all: u32 = votes.iter().map(|(_, count, _)| count).sum();
         let &(best, count, errors) = votes.iter().max_by_key(|(_, count, _)| *count)?;
-        if best.origin[0] == i32::MAX || count < 2 || count < 3 * (all - count) || errors > count {
+        if best.origin[0] == i32::MAX
+            || count < config.min_votes
+            || count < config.min_vote_ratio * (all - count)
+            || errors > config.max_mean_errors * count
+        {
             return None;
         }
         // Every decoded square confirms or contradicts the placement.
@@ -421,10 +437,10 @@ impl Board {
                 .find(|(at, _)| *at == (u, v))
                 .map(|(_, id)| *id);
             let errors = expected.and_then(|id| self.book.errors(*code, id, best.turns));
-            let many = self.layout.bits * self.layout.bits / 4;
+            let many = self.layout.bits * self.layout.bits / config.max_wrong_bits_divisor;
             wrong += u32::from(errors.is_none_or(|e| e > many));
         }
-        (wrong <= count / 3).then_some(best)
+        (wrong <= count / config.max_wrong_squares_divisor).then_some(best)
     }
 }
 

@@ -46,8 +46,10 @@ pub(super) fn read(
     // Large cells are averaged; small ones are already blurred.
     let [across, down] = [[0.5 + side, 0.5], [0.5, 0.5 + side]]
         .map(|uv| super::square::distance(square.at([0.5, 0.5]), square.at(uv)));
+    let spacing = config.sample_spacing_ratio;
+    let averaged = [-spacing, 0.0, spacing];
     let offsets: &[f64] = if across.min(down) > config.averaged_cell_px {
-        &[-0.25, 0.0, 0.25]
+        &averaged
     } else {
         &[0.0]
     };

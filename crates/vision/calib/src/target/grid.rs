@@ -213,7 +213,7 @@ impl Grid {
                 // Of two tags with one id, the one confirmed by neighbours.
                 let double = other.is_some_and(|o| agree[o] >= agree[t]);
                 doubles |= other.is_some();
-                let lone = agree[t] == 0 && tags[t].errors > 1;
+                let lone = agree[t] == 0 && tags[t].errors > scene.config.markers.max_lone_errors;
                 differ[t] == 0 && !double && !lone
             })
             .map(|t| tags[t].clone())
@@ -265,22 +265,26 @@ impl Grid {
             .map(|i| distance(guesses[i], guesses[(i + 1) % 4]))
             .fold(f64::INFINITY, f64::min);
         let config = &scene.config;
-        if side < config.markers.min_expected_side_px {
+        let markers = &config.markers;
+        if side < markers.min_expected_side_px {
             return None;
         }
         let mut corners = guesses;
         for corner in &mut corners {
-            let near = (0.09 * side).clamp(1.2, 6.0);
-            let reach = (0.2 * side).clamp(2.6, 5.0);
+            let [low, high] = markers.expected_shift_px;
+            let near = (markers.expected_shift_ratio * side).clamp(low, high);
+            let [low, high] = markers.expected_window_px;
+            let reach = (markers.expected_window_ratio * side).clamp(low, high);
             let window = Window::round(reach, &config.refinement);
             *corner = refine::refine_corner(&scene.smooth, *corner, &window, near)?;
-            let radius = (0.15 * side as f32).clamp(2.0, 3.0);
+            let [low, high] = markers.expected_radius_px;
+            let radius = (markers.expected_radius_ratio * side as f32).clamp(low, high);
             saddle::fit_rays(&scene.smooth, *corner, radius, &config.saddles)?;
         }
-        let reading = decode::read(image, &Square::new(corners)?, &self.layout, &config.markers)?;
+        let reading = decode::read(image, &Square::new(corners)?, &self.layout, markers)?;
         let errors = self.book.errors(reading.code, id, 0)?;
-        (reading.border_errors <= config.markers.max_border_errors
-            && errors <= config.markers.max_expected_errors)
+        (reading.border_errors <= markers.max_border_errors
+            && errors <= markers.max_expected_errors)
             .then_some(Tag {
                 id,
                 corners,

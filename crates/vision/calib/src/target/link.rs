@@ -65,9 +65,12 @@ fn follow(
     let start = saddle.at.map(|v| v as f32);
     let (sin, cos) = libm::sincosf(saddle.rays[ray] as f32);
     let mut direction = [cos, sin];
-    let mut at = [start[0] + 2.0 * cos, start[1] + 2.0 * sin];
-    let mut travelled = 2.0f32;
-    let mut unsure = 2.0f32;
+    let mut at = [
+        start[0] + config.start_px * cos,
+        start[1] + config.start_px * sin,
+    ];
+    let mut travelled = config.start_px;
+    let mut unsure = config.start_px;
     // The last reliable position on the border, and one well before it: they give the direction.
     let mut trail = [start; 6];
     let mut steps = 0usize;
@@ -82,7 +85,7 @@ fn follow(
                 saddles[to].at[1] - saddle.at[1],
             ];
             // Not before it is clearly another one.
-            if dx * dx + dy * dy > 4.0 {
+            if dx * dx + dy * dy > config.min_length_px * config.min_length_px {
                 return arrive(saddles, to, ray, direction, config);
             }
         }
@@ -109,7 +112,7 @@ fn follow(
             steps += 1;
             let [dx, dy] = [at[0] - back[0], at[1] - back[1]];
             let length = (dx * dx + dy * dy).sqrt();
-            if length > 3.0 {
+            if length > config.min_direction_length_px {
                 let turn = [dx / length, dy / length];
                 if turn[0] * direction[0] + turn[1] * direction[1] < config.min_cosine {
                     return None;
@@ -117,7 +120,12 @@ fn follow(
                 direction = turn;
             }
         }
-        let pace = if travelled < 12.0 { 1.0 } else { 1.75 };
+        let [short, long] = config.step_px;
+        let pace = if travelled < config.slow_length_px {
+            short
+        } else {
+            long
+        };
         at = [at[0] + pace * direction[0], at[1] + pace * direction[1]];
         travelled += pace;
         unsure += pace;

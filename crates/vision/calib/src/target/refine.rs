@@ -54,7 +54,7 @@ impl Window {
         let determinant = a[0] * b[1] - a[1] * b[0];
         let product = ((a[0] * a[0] + a[1] * a[1]) * (b[0] * b[0] + b[1] * b[1])).sqrt();
         // Sides nearly on one line leave no ellipse.
-        if determinant.abs() < 0.15 * product {
+        if determinant.abs() < config.min_side_sine * product {
             return Self::round(config.min_window_px, config);
         }
         let m = [[b[1], -b[0]], [-a[1], a[0]]].map(|row| row.map(|v| (v / determinant) as f32));
@@ -76,16 +76,21 @@ pub(super) fn refine_corner(
     furthest: f64,
 ) -> Option<[f64; 2]> {
     let mut at = start;
-    for i in 0..window.config.max_iterations {
+    let config = &window.config;
+    for i in 0..config.max_iterations {
         let to = step(smooth, at, window)?.to;
         let moved = distance(to, at);
         // A step that oscillates is too long.
-        let share = if i < 6 { 1.0 } else { 0.5 };
+        let share = if i < config.full_steps {
+            1.0
+        } else {
+            config.late_step_ratio
+        };
         at = [0, 1].map(|k| at[k] + share * (to[k] - at[k]));
         if distance(at, start) > furthest {
             return None;
         }
-        if moved < window.config.convergence_px {
+        if moved < config.convergence_px {
             return Some(at);
         }
     }
@@ -100,14 +105,14 @@ pub(super) fn refine_coarsely(
     furthest: f64,
 ) -> Option<[f64; 2]> {
     let mut at = start;
-    for _ in 0..6 {
+    for _ in 0..window.config.max_coarse_iterations {
         let to = step(smooth, at, window)?.to;
         let moved = distance(to, at);
         at = to;
         if distance(at, start) > furthest {
             return None;
         }
-        if moved < 0.04 {
+        if moved < window.config.coarse_convergence_px {
             break;
         }
     }
@@ -217,7 +222,10 @@ fn step(smooth: &Smooth, at: [f64; 2], window: &Window) -> Option<Step> {
     let [xx, xy, yy] = matrix;
     let determinant = xx * yy - xy * xy;
     // A single direction, or no gradient at all.
-    if determinant <= 0.003 * (xx + yy) * (xx + yy) || xx + yy < 1.0 {
+    let config = &window.config;
+    if determinant <= config.min_determinant_ratio * (xx + yy) * (xx + yy)
+        || xx + yy < config.min_trace
+    {
         return None;
     }
     // I(q) - I(2c - q) changes by 2 g per step, since the gradient at the mirrored position is -g.
