@@ -17,7 +17,7 @@
 //! imu_rotation_deg = [0.0, 0.0, 0.0]    # of the IMU only, in addition, in its own frame
 //! time_offset_ms = 3.0                  # frame timestamp minus true exposure time
 //! focal_px = [0.0, 0.0]                 # added to the focal lengths of both lenses, x and y
-//! centre_px = [0.0, 0.0]                # added to their principal points
+//! principal_point_px = [0.0, 0.0]       # added to their principal points
 //! ```
 //!
 //! All keys except the name are optional.
@@ -66,7 +66,7 @@ pub struct CameraCalibrationError {
     /// Added to the focal lengths, px.
     pub focal_px: [f64; 2],
     /// Added to the principal points, px.
-    pub centre_px: [f64; 2],
+    pub principal_point_px: [f64; 2],
 }
 
 /// Error of reading the file: correct it.
@@ -100,7 +100,7 @@ struct Entry {
     #[serde(default)]
     focal_px: [f64; 2],
     #[serde(default)]
-    centre_px: [f64; 2],
+    principal_point_px: [f64; 2],
 }
 
 impl CalibrationError {
@@ -190,7 +190,7 @@ impl Entry {
             "ms",
         );
         check("focal_px", &self.focal_px, MAX_CHANGE_PX, "px");
-        check("centre_px", &self.centre_px, MAX_CHANGE_PX, "px");
+        check("principal_point_px", &self.principal_point_px, MAX_CHANGE_PX, "px");
         problems
     }
 
@@ -205,7 +205,7 @@ impl Entry {
             imu_rotation: rad(self.imu_rotation_deg),
             time_offset_ns: (self.time_offset_ms * 1e6).round() as i64,
             focal_px: self.focal_px,
-            centre_px: self.centre_px,
+            principal_point_px: self.principal_point_px,
         }
     }
 }
@@ -250,8 +250,8 @@ impl CameraCalibrationError {
         CameraModel {
             fx: nominal.fx + self.focal_px[0],
             fy: nominal.fy + self.focal_px[1],
-            cx: nominal.cx + self.centre_px[0],
-            cy: nominal.cy + self.centre_px[1],
+            cx: nominal.cx + self.principal_point_px[0],
+            cy: nominal.cy + self.principal_point_px[1],
             ..*nominal
         }
     }

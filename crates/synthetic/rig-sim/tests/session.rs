@@ -203,7 +203,7 @@ fn target_session_contains_boards_and_ground_truth_beside_the_nominal_calibratio
     let place = |rig: &Rig| rig.transform(&"rig".parse().unwrap(), &left).unwrap();
     let off = place(&rig()).inverse() * place(&is);
     assert!((off.angle_rad() - 0.01).abs() < 1e-9);
-    assert!(file("truth.cameras.toml").contains("late_ns = 3000000"));
+    assert!(file("truth.cameras.toml").contains("time_offset_ns = 3000000"));
     assert!(file("truth.targets.csv").lines().count() > 3 * 144);
     // Frames have nominal timestamps; ground truth has the exposure times.
     let frames: Vec<Frame> = records(&reader);

@@ -348,7 +348,7 @@ fn deviation(seed: u64, rig: &Rig) -> CalibrationError {
         of.right_rotation = three(RIGHT_DEVIATION.1);
         of.right_translation = three(RIGHT_DEVIATION.0);
         of.focal_px = [normal(LENS_DEVIATION_PX), normal(LENS_DEVIATION_PX)];
-        of.centre_px = [normal(LENS_DEVIATION_PX), normal(LENS_DEVIATION_PX)];
+        of.principal_point_px = [normal(LENS_DEVIATION_PX), normal(LENS_DEVIATION_PX)];
     }
     all
 }

@@ -1,6 +1,6 @@
 """Plain visual odometry of OpenCV's parts over rectified stereo pairs: SGBM for depth, KLT for corners, PnP for each motion.
 
-{"folder": FOLDER with image_l and image_r, "focal_px": f, "centre_px": [x, y], "baseline_m": b, "threads": N} on the standard input.
+{"folder": FOLDER with image_l and image_r, "focal_px": f, "center_px": [x, y], "baseline_m": b, "threads": N} on the standard input.
 The answer: {"poses": [[12 numbers]], "ms": time of a pair, "opencv": version}; rows of the first left camera from each."""
 
 import json
@@ -33,7 +33,7 @@ def followed(before, now):
 
 def motion(question, before, disparity, now):
     """The next camera from the one before."""
-    focal, (x, y) = question["focal_px"], question["centre_px"]
+    focal, (x, y) = question["focal_px"], question["center_px"]
     old, new = followed(before, now)
     rows, columns = disparity.shape
     at = np.rint(old).astype(int)

@@ -41,7 +41,7 @@ pub(crate) fn drive(folder: &Path, sequence: &Sequence, truth: &Trajectory) -> R
     let question = json!({
         "folder": folder,
         "focal_px": k[0],
-        "centre_px": [k[2], k[5]],
+        "center_px": [k[2], k[5]],
         "baseline_m": camera.right_from_left.translation().norm(),
         "threads": 2,
     });
