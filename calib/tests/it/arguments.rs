@@ -17,7 +17,11 @@ fn results_of_an_earlier_run_are_kept() {
     let path = session.to_str().unwrap();
     let results = session.join("calibration");
     fs::create_dir(&results).unwrap();
-    for (verb, result) in [("cameras", "rig.toml"), ("imu", "imu-noise.json")] {
+    for (verb, result) in [
+        ("cameras", "rig.toml"),
+        ("camera-imu", "rig-imu.toml"),
+        ("imu", "imu-noise.json"),
+    ] {
         let result = results.join(result);
         fs::write(&result, "mine").unwrap();
         let (code, text) = calib(&[verb, path]);
