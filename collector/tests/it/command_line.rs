@@ -1,11 +1,10 @@
 //! The program itself: arguments, exit codes, output.
 
 use std::fs;
-use std::os::unix::fs::PermissionsExt;
 use std::path::Path;
 use std::process::{Command, Output};
 
-use crate::support::{ID, Session};
+use crate::support::{ID, Session, install, script};
 
 fn paws(folder: &Path, arguments: &[&str]) -> Output {
     Command::new(env!("CARGO_BIN_EXE_paws"))
@@ -153,8 +152,7 @@ fn unknown_command_is_a_program_or_an_error() {
     check(at, &["validat"], 2, "did you mean validate?");
     check(at, &["frobnicate"], 2, "`paws --help` lists the verbs");
     let program = at.join("paws-hello");
-    fs::write(&program, "#!/bin/sh\necho hello $1; exit 7\n").unwrap();
-    fs::set_permissions(&program, fs::Permissions::from_mode(0o755)).unwrap();
+    script(&program, "echo hello $1; exit 7");
     let output = Command::new(env!("CARGO_BIN_EXE_paws"))
         .args(["hello", "world"])
         .env(
@@ -426,11 +424,9 @@ fn with_program(
 ) -> impl Fn(&[&str]) -> (Option<i32>, String, String) + use<> {
     let bin = at.join("bin");
     fs::create_dir(&bin).unwrap();
-    let program = bin.join(name);
-    fs::write(&program, "#!/bin/sh\necho \"$@\"\n").unwrap();
-    fs::set_permissions(&program, fs::Permissions::from_mode(0o755)).unwrap();
+    script(&bin.join(name), "echo \"$@\"");
     let paws = bin.join("paws");
-    fs::copy(env!("CARGO_BIN_EXE_paws"), &paws).unwrap();
+    install(Path::new(env!("CARGO_BIN_EXE_paws")), &paws);
     let at = at.to_owned();
     move |arguments| {
         let mut command = Command::new(&paws);

@@ -3,8 +3,8 @@
 //! introduce one fault each.
 
 use std::collections::BTreeMap;
-use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
+use std::process::Command;
 use std::sync::Arc;
 
 use console_output::{Clock, Console, Show};
@@ -488,9 +488,24 @@ pub(crate) fn calib_program(folder: &Path) -> Option<PathBuf> {
     let program = folder.join("paws-calib");
     let document =
         r#"{"format":"paws-measurements","version":1,"software":"test","measurements":[]}"#;
-    std::fs::write(&program, format!("#!/bin/sh\necho '{document}'\n")).unwrap();
-    std::fs::set_permissions(&program, std::fs::Permissions::from_mode(0o755)).unwrap();
+    script(&program, &format!("echo '{document}'"));
     Some(program)
+}
+
+/// Writes a program that runs these commands of the shell.
+pub(crate) fn script(program: &Path, commands: &str) {
+    let text = program.with_extension("sh");
+    std::fs::write(&text, format!("#!/bin/sh\n{commands}\n")).unwrap();
+    install(&text, program);
+    std::fs::remove_file(&text).unwrap();
+}
+
+/// Copies a program. Another process does it: a file that this one has open for writing is open in
+/// the processes that other tests are just starting, too, and cannot be executed meanwhile.
+pub(crate) fn install(from: &Path, to: &Path) {
+    let mut install = Command::new("install");
+    install.args(["-m", "755"]).args([from, to]);
+    assert!(install.status().unwrap().success(), "{install:?}");
 }
 
 /// Every file below a folder with its content, by relative path.
