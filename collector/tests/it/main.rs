@@ -1,6 +1,7 @@
 //! Tests of `paws` on synthetic sessions, through the library and through the program.
 
 mod better_copy;
+mod calibration_check;
 mod catalogue;
 mod command_line;
 mod exporting;

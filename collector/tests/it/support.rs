@@ -485,11 +485,27 @@ pub(crate) fn capture<T>(run: impl FnOnce(&mut Console<'_>) -> T) -> (T, String)
 
 /// A program in a folder that stands for `paws-calib` and measures nothing.
 pub(crate) fn calib_program(folder: &Path) -> Option<PathBuf> {
+    calib_script(folder, &prints(&measurements(1, "")))
+}
+
+/// A program in a folder that stands for `paws-calib` and runs these commands of the shell.
+pub(crate) fn calib_script(folder: &Path, commands: &str) -> Option<PathBuf> {
     let program = folder.join("paws-calib");
-    let document =
-        r#"{"format":"paws-measurements","version":1,"software":"test","measurements":[]}"#;
-    script(&program, &format!("echo '{document}'"));
+    script(&program, commands);
     Some(program)
+}
+
+/// A document of measurements, which are given as JSON.
+pub(crate) fn measurements(version: u32, measured: &str) -> String {
+    format!(
+        r#"{{"format":"paws-measurements","version":{version},"software":"test",
+"measurements":[{measured}]}}"#
+    )
+}
+
+/// The command of the shell that prints a text without quotation marks of the shell.
+pub(crate) fn prints(text: &str) -> String {
+    format!("echo '{text}'")
 }
 
 /// Writes a program that runs these commands of the shell.
