@@ -151,6 +151,32 @@ fn euroc_folders_have_stereo_images_imu_and_calibration() {
     assert_eq!((pixels.len(), kind), (64 * 48 * 3, png::ColorType::Rgb));
 }
 
+/// EuRoC has no column for host times, so it needs none.
+#[test]
+fn samples_without_host_time_are_in_euroc_folders_and_not_in_tables() {
+    let folder = tempfile::tempdir().unwrap();
+    let source = folder.path().join("s");
+    let mut session = Session::decodable(0.5);
+    session.imu[3].host_times.truncate(12);
+    session.write(&source);
+    let first_column = |format, file: &str| -> Vec<i64> {
+        let out = folder.path().join(file.replace('/', "_"));
+        let (outcome, text) = export(&source, format, &out);
+        assert_eq!(outcome, Outcome::Fine, "{text}");
+        let text = fs::read_to_string(out.join(file)).unwrap();
+        let rows = text.lines().skip(1);
+        rows.map(|row| row.split(',').next().unwrap().parse().unwrap())
+            .collect()
+    };
+    let numbers: Vec<i64> = (0..100).filter(|n| !(72..80).contains(n)).collect();
+    assert_eq!(first_column(Format::Csv, "feet_imu.csv"), numbers);
+    let times: Vec<i64> = (0..100).map(|n| START + n * 5 * MS).collect();
+    assert_eq!(
+        first_column(Format::Euroc, "feet/mav0/imu0/data.csv"),
+        times
+    );
+}
+
 fn decode(path: &Path) -> (Vec<u8>, png::ColorType) {
     let file = std::io::BufReader::new(fs::File::open(path).unwrap());
     let mut reader = png::Decoder::new(file).read_info().unwrap();

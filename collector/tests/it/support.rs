@@ -304,7 +304,8 @@ impl Session {
                 .iter()
                 .map(|p| (p.frame.host_time, Item::StereoFrame(p))),
         );
-        items.extend(self.imu.iter().map(|b| (b.host_times[19], Item::Imu(b))));
+        let arrival = |b: &ImuBatch| *b.host_times.last().unwrap();
+        items.extend(self.imu.iter().map(|b| (arrival(b), Item::Imu(b))));
         items.extend(self.sets.iter().map(|s| (s.time + 4 * MS, Item::Set(s))));
         items.extend(
             self.gaps
