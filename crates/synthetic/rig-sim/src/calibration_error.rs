@@ -190,7 +190,12 @@ impl Entry {
             "ms",
         );
         check("focal_px", &self.focal_px, MAX_CHANGE_PX, "px");
-        check("principal_point_px", &self.principal_point_px, MAX_CHANGE_PX, "px");
+        check(
+            "principal_point_px",
+            &self.principal_point_px,
+            MAX_CHANGE_PX,
+            "px",
+        );
         problems
     }
 
