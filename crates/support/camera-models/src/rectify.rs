@@ -356,7 +356,7 @@ pub fn rotations(
     stereo: &StereoCalibration,
 ) -> Result<(RigidTransform, RigidTransform), RectifyError> {
     let full = stereo.right_from_left.rotation();
-    let half = so3::exp(0.5 * so3::log(&full));
+    let half = so3::exp(0.5 * so3::log(full));
     // Position of the right camera in the left one, in the frame half-way between the two.
     let beside = -(half.inverse() * stereo.right_from_left.translation());
     let angle = beside.angle(&Vector3::x());

@@ -59,7 +59,7 @@ pub fn measure(series: &Series, config: &Config) -> Measurement {
                 .sum();
             if let Some(fit) = &fit {
                 findings.extend(fit_findings(index, fit));
-                findings.extend(drift(index, fit, axis, &screened, &config));
+                findings.extend(drift(index, fit, axis, &screened, config));
             }
             measurement.axes.push(Axis {
                 index,
