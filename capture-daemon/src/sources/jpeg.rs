@@ -1,9 +1,9 @@
 //! JPEG images to I420: those of cameras that deliver Motion-JPEG, and those in bags.
 //!
-//! Contract: values are those of the file, full range BT.601 as in every [`RawImage`]; chroma is the
-//! mean of each 2x2 block; a gray file has neutral chroma. I420 has even sizes only: an odd last
-//! column or row is repeated once. *Damage*: a truncated or malformed file is an error, never half
-//! an image. *Size*: the size in the header is compared with [`MAX_PIXELS`] before anything is
+//! Contract: values are those of the file, full range BT.601 as in every [`RawImage`]; chroma is
+//! the mean of each 2x2 block; a gray file has neutral chroma. I420 has even sizes only: an odd
+//! last column or row is repeated once. *Damage*: a truncated or malformed file is an error, never
+//! half an image. *Size*: the size in the header is compared with [`MAX_PIXELS`] before anything is
 //! allocated. Cameras may omit the Huffman tables, as Motion-JPEG allows: then those of the
 //! standard are used (ITU-T T.81, annex K.3).
 

@@ -166,9 +166,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode> {
         is_json: arguments.json,
         folder: bundle.path(),
     };
-    let decodes_again =
-        place(&arguments.to).is_none_or(|to| stages::NAMES[..=to].contains(&"depth"));
-    if decodes_again {
+    if place(&arguments.to).is_none_or(|to| stages::NAMES[..=to].contains(&"depth")) {
         keep_frames(&input, &bundle.path());
     }
     let outcomes = pipeline.run(&sources, &bundle, &selection, &observer, &machine::METER);

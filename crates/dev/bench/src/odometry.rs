@@ -7,8 +7,8 @@
 //!    `balanced`. Causal and refined poses are in separate tables; each row has error, time per
 //!    stereo pair, peak memory and completion, and the worst run is named.
 //! 4. `presets`: the same walks in `fast` and `accurate`.
-//! 5. `settings`: presets, and features, keyframes and iterations one at a time, on the first 40 s of four
-//!    of the walks.
+//! 5. `settings`: presets, and features, keyframes and iterations one at a time, on the first 40 s
+//!    of four of the walks.
 //! 6. `cameras`: one, two and three stereo cameras, with and without IMU, on the first 60 s of six,
 //!    one in each scene.
 //! 7. `mounts`: a camera with a calibration error of up to 4 degrees, on the first 40 s of two.

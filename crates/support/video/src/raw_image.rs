@@ -32,7 +32,8 @@ impl PixelFormat {
     /// Bytes of a `width` x `height` image.
     ///
     /// # Errors
-    /// [`RawImageError::Empty`], [`RawImageError::OddSize`] (I420 only), [`RawImageError::TooLarge`].
+    /// [`RawImageError::Empty`], [`RawImageError::OddSize`] (I420 only),
+    /// [`RawImageError::TooLarge`].
     pub fn bytes(self, width: u32, height: u32) -> Result<usize, RawImageError> {
         if width == 0 || height == 0 {
             return Err(RawImageError::Empty { width, height });

@@ -4,7 +4,6 @@ use estimator_config::config;
 use serde::{Deserialize, Serialize};
 
 use crate::aggregation::{Paths, Penalties};
-use crate::band::plan::Margin;
 use crate::census::Census;
 use crate::error::DepthError;
 use crate::half_resolution::Downsample;
@@ -53,6 +52,17 @@ config! {
         /// same.
         #[serde(skip)]
         pub level: Option<Level> = None,
+    }
+
+    /// Safety margin of a band around the planned disparities. The default is for walking speed at
+    /// 15 frames per second. Less needs additional runs, more searches more.
+    pub struct Margin {
+        /// Margin at either end, px.
+        pub px: i32 = 3,
+        /// Additional margin as a fraction of the disparity.
+        pub ratio: f64 = 0.1,
+        /// Number of rows above and below whose disparities a row must also contain.
+        pub rows: usize = 8,
     }
 
     /// The band around the predicted disparity: its margin, and when it was too narrow and is

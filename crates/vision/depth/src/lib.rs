@@ -58,7 +58,7 @@ pub use aggregation::{Paths, Penalties};
 pub use band::Band;
 pub use banded_matcher::{BandStats, BandedMatcher};
 pub use census::Census;
-pub use config::{BandConfig, Config, Matching, Preset};
+pub use config::{BandConfig, Config, Margin, Matching, Preset};
 pub use error::DepthError;
 pub use half_resolution::Downsample;
 pub use imaging::ImageView;

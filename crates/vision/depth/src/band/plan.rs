@@ -6,11 +6,10 @@
 //! and never removes any.
 
 use crate::band::Band;
-use crate::config::{Config, Preset};
+use crate::config::{Config, Margin, Preset};
 use crate::error::DepthError;
 use crate::map::{DisparityMap, Geometry};
 use crate::matcher::Matcher;
-use estimator_config::config;
 use imaging::ImageView;
 
 /// A plane: all points `p` with `normal . p = distance_m`, in the left optical frame (x right, y
@@ -23,27 +22,14 @@ pub struct Plane {
     pub distance_m: f64,
 }
 
-config! {
-    /// Safety margin of a band around the planned disparities. The default is for walking speed at
-    /// 15 frames per second. Less needs additional runs, more searches more.
-    pub struct Margin {
-        /// Margin at either end, px.
-        pub px: i32 = 3,
-        /// Additional margin as a fraction of the disparity.
-        pub ratio: f64 = 0.1,
-        /// Number of rows above and below whose disparities a row must also contain.
-        pub rows: usize = 8,
-    }
-}
-
 /// Block height, rows: bands change only at multiples of it, because every change costs time.
 const BLOCK_ROWS: usize = 8;
 
 /// Disparity range that each row needs.
 ///
 /// ```
-/// use depth::Band;
-/// use depth::band::plan::{Margin, Plan};
+/// use depth::band::plan::Plan;
+/// use depth::{Band, Margin};
 ///
 /// let mut plan = Plan::new(&Band::full(0, 64, 32)?);
 /// for row in 0..16 {
@@ -106,8 +92,8 @@ impl Plan {
     /// of image columns.
     ///
     /// ```
-    /// use depth::band::plan::{Margin, Plan, Plane};
-    /// use depth::{Band, Geometry};
+    /// use depth::band::plan::{Plan, Plane};
+    /// use depth::{Band, Geometry, Margin};
     ///
     /// // The floor, 1.4 m below a camera that looks straight ahead.
     /// let floor = Plane { normal: [0.0, 1.0, 0.0], distance_m: 1.4 };
@@ -201,8 +187,8 @@ impl Probe {
         let scale = SCALE as i32;
         let first = full.first().div_euclid(scale);
         let last = (full.first() + full.count() as i32).div_euclid(scale) + 1;
-        // With any preset: at a sixteenth of the pixels the cost is small. Small objects matter here
-        // and holes do not, so that disparity jumps are cheap.
+        // Small objects matter here and holes do not, so that disparity jumps are cheap. This is
+        // the same for every preset of the matcher: a sixteenth of the pixels costs little.
         let mut config = Config {
             min_speckle_px: 4,
             ..Config::preset(Preset::Balanced)

@@ -7,8 +7,8 @@ config! {
     /// Features of one camera: number, spacing, matching.
     pub struct FrontendConfig {
         /// Maximum number of features tracked per camera. Compare OpenVINS `num_pts`. The chart
-        /// over settings in docs/reference/odometry.md is flat from 60 on; eight times as many
-        /// take about twice the time.
+        /// over settings in docs/reference/odometry.md is flat from 60 on; eight times this
+        /// number takes about twice the time.
         pub max_features: usize = 110,
         /// Number of grid cells per requested feature, since some cells have no texture. At 1 there
         /// are too few features on weak texture; high values put features side by side.
