@@ -48,6 +48,25 @@ pub fn log(q: &UnitQuaternion<f64>) -> Vector3<f64> {
     v * (2.0 * libm::atan2(sine, w) / sine)
 }
 
+/// The smallest rotation that takes the direction of `a` to that of `b`; `None` if they are
+/// opposite or one has no direction.
+///
+/// ```
+/// use cad_transforms::so3;
+/// use nalgebra::Vector3;
+///
+/// let rotation = so3::between(&Vector3::x(), &Vector3::new(0.0, 2.0, 0.0)).unwrap();
+/// assert!((rotation * Vector3::x() - Vector3::y()).norm() < 1e-15);
+/// assert!((so3::log(&rotation).z - std::f64::consts::FRAC_PI_2).abs() < 1e-15);
+/// assert!(so3::between(&Vector3::x(), &-Vector3::x()).is_none());
+/// ```
+pub fn between(a: &Vector3<f64>, b: &Vector3<f64>) -> Option<UnitQuaternion<f64>> {
+    let (a, b) = (a.try_normalize(0.0)?, b.try_normalize(0.0)?);
+    // Twice the half angle's cosine and its sine along the axis, times the cosine.
+    let w = 1.0 + a.dot(&b);
+    (w > 1e-12).then(|| UnitQuaternion::new_normalize(Quaternion::from_parts(w, a.cross(&b))))
+}
+
 /// From yaw about z, then pitch about the new y, then roll about the new x, rad.
 pub fn from_yaw_pitch_roll(yaw: f64, pitch: f64, roll: f64) -> UnitQuaternion<f64> {
     exp(Vector3::z() * yaw) * exp(Vector3::y() * pitch) * exp(Vector3::x() * roll)

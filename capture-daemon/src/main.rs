@@ -535,7 +535,7 @@ fn encoders((width, height): (u32, u32)) -> anyhow::Result<ExitCode> {
                 works = true;
                 (
                     trial.codec.to_string(),
-                    format!("{:.0} frames/s{preferred}", trial.images_per_s),
+                    format!("{:.0} frames/s{preferred}", trial.frames_per_s),
                 )
             }
             Err(reason) => (String::new(), reason.to_string()),

@@ -52,7 +52,7 @@ pub fn run(config: &Config, folder: &Path, seconds: f64, stop: &StopFlag) -> Rep
     for element in video::encoder::known_elements() {
         let trial = video::discover::trial(element, 1344, 376);
         report.line(&match trial {
-            Ok(trial) => format!("{element}: {:.0} frames/s", trial.images_per_s),
+            Ok(trial) => format!("{element}: {:.0} frames/s", trial.frames_per_s),
             Err(reason) => format!("{element}: {reason}"),
         });
     }

@@ -264,7 +264,7 @@ impl Contents {
         ))
     }
 
-    /// Decodes all frames of a camera, one group of images at a time.
+    /// Decodes all frames of a camera, one GOP at a time.
     ///
     /// # Errors
     /// An image cannot be decoded, or `each` fails.

@@ -15,7 +15,7 @@ use anyhow::{Context as _, Result, anyhow, ensure};
 /// It cannot be built.
 pub fn pawsd() -> Result<PathBuf> {
     static FOUND: OnceLock<Result<PathBuf, String>> = OnceLock::new();
-    once(&FOUND, "pawsd", "capture-daemon")
+    once(&FOUND, "pawsd", "capture-daemon", "capture-daemon")
 }
 
 /// `paws`, as [`pawsd`].
@@ -24,7 +24,7 @@ pub fn pawsd() -> Result<PathBuf> {
 /// It cannot be built.
 pub fn paws() -> Result<PathBuf> {
     static FOUND: OnceLock<Result<PathBuf, String>> = OnceLock::new();
-    once(&FOUND, "paws", "collector")
+    once(&FOUND, "paws", "collector", "collector")
 }
 
 /// `paws-calib`, as [`pawsd`].
@@ -33,7 +33,7 @@ pub fn paws() -> Result<PathBuf> {
 /// It cannot be built.
 pub fn calib() -> Result<PathBuf> {
     static FOUND: OnceLock<Result<PathBuf, String>> = OnceLock::new();
-    once(&FOUND, "paws-calib", "paws-calib")
+    once(&FOUND, "paws-calib", "paws-calib", "calib")
 }
 
 /// `paws-reconstruct`, as [`pawsd`].
@@ -42,26 +42,48 @@ pub fn calib() -> Result<PathBuf> {
 /// It cannot be built.
 pub fn reconstruct() -> Result<PathBuf> {
     static FOUND: OnceLock<Result<PathBuf, String>> = OnceLock::new();
-    once(&FOUND, "paws-reconstruct", "reconstruction")
+    once(
+        &FOUND,
+        "paws-reconstruct",
+        "reconstruction",
+        "reconstruction",
+    )
 }
 
-fn once(found: &OnceLock<Result<PathBuf, String>>, name: &str, package: &str) -> Result<PathBuf> {
-    let found = found.get_or_init(|| find(name, package).map_err(|e| format!("{e:#}")));
+fn once(
+    found: &OnceLock<Result<PathBuf, String>>,
+    name: &str,
+    package: &str,
+    folder: &str,
+) -> Result<PathBuf> {
+    let found = found.get_or_init(|| find(name, package, folder).map_err(|e| format!("{e:#}")));
     found.clone().map_err(|e| anyhow!(e))
 }
 
-fn find(name: &str, package: &str) -> Result<PathBuf> {
+/// What programs are made of, apart from their own folder.
+const LIBRARIES: [&str; 7] = [
+    "Cargo.lock",
+    "cad-transforms",
+    "crates/devices",
+    "crates/formats",
+    "crates/support",
+    "crates/synthetic",
+    "crates/vision",
+];
+
+fn find(name: &str, package: &str, source: &str) -> Result<PathBuf> {
     let own = std::env::current_exe().context("finding the own program")?;
     // A test is in `target/debug/deps`, a benchmark in `target/release`.
     let folder = own.ancestors().skip(1).find(|f| !f.ends_with("deps"));
     let folder = folder.context("finding the folder of the own program")?;
     let program = folder.join(name);
-    if is_current(&program) {
+    let workspace = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../..");
+    let sources = LIBRARIES.iter().chain([&source]);
+    if is_current(&program, sources.map(|s| workspace.join(s))) {
         return Ok(program);
     }
     // Not always: with one package selected, cargo may choose fewer features of shared libraries
     // than with the whole workspace, and would compile them a second time.
-    let workspace = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../..");
     let mut build = Command::new(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()));
     build
         .current_dir(&workspace)
@@ -80,63 +102,58 @@ fn find(name: &str, package: &str) -> Result<PathBuf> {
     Ok(program)
 }
 
-/// Whether a program exists and none of the sources that cargo lists for it (beside it, in
-/// `NAME.d`) is newer.
-fn is_current(program: &Path) -> bool {
-    let modified = |path: &Path| fs::metadata(path).and_then(|m| m.modified());
-    let (Ok(built), Ok(list)) = (
-        modified(program),
-        fs::read_to_string(program.with_extension("d")),
-    ) else {
+/// Whether a program exists and none of its sources, files or folders, is newer.
+fn is_current(program: &Path, sources: impl Iterator<Item = PathBuf>) -> bool {
+    let Ok(built) = fs::metadata(program).and_then(|m| m.modified()) else {
         return false;
     };
-    let is_older = |source: &PathBuf| modified(source).is_ok_and(|m: SystemTime| m <= built);
-    sources(&list).iter().all(is_older)
+    let newest = sources.filter_map(|source| newest(&source)).max();
+    newest.is_none_or(|newest| newest <= built)
 }
 
-/// The sources in a dependency file of `make`: `PROGRAM: SOURCE SOURCE`, with `\ ` for a space.
-fn sources(list: &str) -> Vec<PathBuf> {
-    let Some((_, sources)) = list.lines().next().and_then(|l| l.split_once(": ")) else {
-        return Vec::new();
+/// Modification time of a file, or of the newest source or manifest in a folder.
+fn newest(path: &Path) -> Option<SystemTime> {
+    let Ok(entries) = fs::read_dir(path) else {
+        return fs::metadata(path).and_then(|m| m.modified()).ok();
     };
-    let whole = sources.replace("\\ ", "\0");
-    let path = |s: &str| PathBuf::from(s.replace('\0', " "));
-    whole.split_whitespace().map(path).collect()
+    let is_source = |path: &Path| {
+        let is_compiled = path.extension().is_some_and(|e| e == "rs" || e == "toml");
+        is_compiled || path.is_dir() && !path.ends_with("target") && !path.ends_with("tests")
+    };
+    let paths = entries.filter_map(Result::ok).map(|entry| entry.path());
+    let sources = paths.filter(|path| is_source(path));
+    sources.filter_map(|path| newest(&path)).max()
 }
 
 #[cfg(test)]
 mod tests {
+    use std::time::Duration;
+
     use super::*;
 
     #[test]
-    fn sources_are_read_from_the_dependency_file() {
-        let list = "/t/debug/pawsd: /a/src/main.rs /b\\ c/src/lib.rs\n";
-        assert_eq!(
-            sources(list),
-            ["/a/src/main.rs", "/b c/src/lib.rs"].map(PathBuf::from)
-        );
-        assert!(sources("").is_empty());
-    }
-
-    #[test]
     fn a_program_older_than_a_source_is_not_current() {
-        let folder = std::env::temp_dir().join(format!("program-{}", std::process::id()));
-        fs::create_dir_all(&folder).unwrap();
-        let (source, program) = (folder.join("main.rs"), folder.join("pawsd"));
-        assert!(!is_current(&program));
-        fs::write(&source, "").unwrap();
-        fs::write(&program, "").unwrap();
-        assert!(!is_current(&program), "without a list of sources");
-        let list = format!("{}: {}\n", program.display(), source.display());
-        fs::write(folder.join("pawsd.d"), list).unwrap();
+        let folder = tempfile::tempdir().unwrap();
+        let (source, program) = (folder.path().join("crates"), folder.path().join("pawsd"));
+        fs::create_dir_all(source.join("video/src")).unwrap();
+        let (file, page) = (
+            source.join("video/src/lib.rs"),
+            source.join("video/README.md"),
+        );
+        let current = || is_current(&program, [source.clone()].into_iter());
+        assert!(!current(), "without a program");
+        for path in [&file, &page, &program] {
+            fs::write(path, "").unwrap();
+        }
         let built = fs::metadata(&program).unwrap().modified().unwrap();
-        let set = |time| fs::File::open(&source).unwrap().set_modified(time).unwrap();
-        set(built);
-        assert!(is_current(&program));
-        set(built + std::time::Duration::from_secs(1));
-        assert!(!is_current(&program));
-        fs::remove_file(&source).unwrap();
-        assert!(!is_current(&program));
-        fs::remove_dir_all(&folder).unwrap();
+        let set = |path: &Path, time| {
+            let file = fs::File::options().write(true).open(path).unwrap();
+            file.set_modified(time).unwrap();
+        };
+        set(&file, built);
+        set(&page, built + Duration::from_secs(1));
+        assert!(current(), "a page is no source");
+        set(&file, built + Duration::from_secs(1));
+        assert!(!current());
     }
 }

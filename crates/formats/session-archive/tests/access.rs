@@ -63,7 +63,7 @@ fn a_lookup_does_not_look_at_every_set() {
 
 /// The last frame claims to be of the group.
 #[test]
-fn a_group_of_images_does_not_look_at_every_frame() {
+fn a_gop_does_not_look_at_every_frame() {
     let mut camera = index().cameras.remove(0);
     let last = SETS as usize - 1;
     for position in (0..1000).map(|i| (i * 7919) % (last - 15)) {

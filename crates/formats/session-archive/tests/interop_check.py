@@ -12,7 +12,7 @@ Nothing of ours is used: `mcap` reads the segments with all its checksum validat
                by the statistics), chunks
     topics     per topic: schema, of, log_times, publish_times, sequences, messages (protobuf's
                JSON; of a video message its length, SHA-256 and CRC-32 in place of the data)
-    images   with --decode, per video topic and image: width, height, mean and SHA-256 of luma
+    images     with --decode, per video topic and image: width, height, mean and SHA-256 of luma
 
 State that a later segment repeats is listed once. A session that cannot be read ends with a
 message and exit code 1.

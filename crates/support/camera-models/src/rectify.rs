@@ -366,9 +366,9 @@ pub fn rotations(
     if !(beside.norm() > 0.0 && angle <= std::f64::consts::FRAC_PI_4) {
         return Err(not_beside);
     }
-    let onto_x = UnitQuaternion::rotation_between(&beside, &Vector3::x()).ok_or(not_beside)?;
+    let onto_x = so3::between(&beside, &Vector3::x()).ok_or(not_beside)?;
     let rigid = |q: UnitQuaternion<f64>| {
-        RigidTransform::from_rotation_vector(q.scaled_axis().into(), [0.0; 3])
+        RigidTransform::from_rotation_vector(so3::log(&q).into(), [0.0; 3])
             .expect("a rotation is finite")
     };
     Ok((rigid(onto_x * half), rigid(onto_x * half.inverse())))

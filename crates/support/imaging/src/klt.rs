@@ -2,12 +2,12 @@
 //!
 //! Iterative alignment by translation (Lucas and Kanade 1981) in the inverse compositional form
 //! (Baker and Matthews, Lucas-Kanade 20 Years On, 2004), from coarse to fine, on patches normalized
-//! in mean and contrast, so that exposure may differ. A row of a patch is one vector register.
-//! [`track`] returns a position only if tracking it back leads to the start.
+//! in mean and contrast, so that exposure may differ. A row of a patch of 8 px is one vector
+//! register. [`track`] returns a position only if tracking it back leads to the start.
 
 #![allow(
     clippy::needless_range_loop,
-    reason = "loops over several rows of one register each; with indices the compiler vectorizes them"
+    reason = "loops over several rows together; with indices the compiler vectorizes them"
 )]
 
 use estimator_config::config;

@@ -26,7 +26,7 @@ use crate::{AccessUnit, Codec, PixelFormat, RawImage, RawImageError};
 pub const TRIAL_LIMIT: Duration = Duration::from_secs(20);
 
 /// Frames of a trial, and which one is forced to be a key frame.
-const PICTURES: usize = 12;
+const FRAMES: usize = 12;
 const FORCED: usize = 7;
 
 /// What a trial found out about an encoder that works.
@@ -38,7 +38,7 @@ pub struct Trial {
     pub codec: Codec,
     /// Frames per second, one encoder with nothing beside it, on frames that are hard to
     /// compress. A rough figure: it comes from a few frames.
-    pub images_per_s: f64,
+    pub frames_per_s: f64,
 }
 
 /// Why an encoder cannot be used here.
@@ -215,11 +215,11 @@ fn run(
     height: u32,
     threads: u32,
 ) -> Result<Trial, TrialError> {
-    let images: Vec<RawImage> = (0..PICTURES)
+    let images: Vec<RawImage> = (0..FRAMES)
         .map(|number| moving(width, height, number))
         .collect::<Result<_, _>>()?;
     // Odd, uneven and far from zero, as CLOCK_MONOTONIC is.
-    let times: Vec<i64> = (0..PICTURES as i64)
+    let times: Vec<i64> = (0..FRAMES as i64)
         .map(|number| 86_400_000_000_007 + number * 33_333_333 + number * number * 1_013)
         .collect();
     let settings = EncoderSettings {
@@ -259,7 +259,7 @@ fn run(
     Ok(Trial {
         element: element.to_owned(),
         codec,
-        images_per_s: PICTURES as f64 / elapsed.max(1e-6),
+        frames_per_s: FRAMES as f64 / elapsed.max(1e-6),
     })
 }
 

@@ -3,7 +3,7 @@
 //! A leaf: it knows frames, times in integer nanoseconds and compressed bytes, and nothing of
 //! sessions, devices or configuration files.
 //!
-//! - [`image`]: uncompressed frames, colour layouts, PSNR.
+//! - [`raw_image`]: uncompressed frames, colour layouts, PSNR.
 //! - [`annexb`]: looking at compressed bytes without decoding them.
 //! - [`references`]: whether a compressed frame's references are there, without decoding.
 //! - [`capture`]: cameras that come through GStreamer, with times on the clock of the host.

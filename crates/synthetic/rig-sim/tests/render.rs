@@ -17,7 +17,7 @@ const RIG: &str = include_str!("../../../../cad-transforms/rigs/example.toml");
 
 /// BLAKE3 of all files of the walk below. It changes with every change of an image or a number, and
 /// with the PNG encoder; an unintended change indicates a dependence on the machine or on threads.
-const HASH: &str = "f78a9a24168429603fc147ba0829853dd0b1a6109dba0e77d2e7a828214ccaa1";
+const HASH: &str = "d9681276bdc773fa3c593ee7f9409d30b633879a14bfe2e2df6126775738e93b";
 
 fn simulation() -> Arc<Simulation> {
     let settings = Settings {

@@ -158,7 +158,7 @@ fn mirrored(eye_from_target: &RigidTransform, points: &[Point]) -> Option<RigidT
     let sight = at.try_normalize(0.0)?;
     let normal = Vector3::from(eye_from_target.rotate([0.0, 0.0, 1.0]));
     let axis = sight.cross(&normal);
-    let angle = axis.norm().atan2(sight.dot(&normal));
+    let angle = libm::atan2(axis.norm(), sight.dot(&normal));
     let axis = axis.try_normalize(1e-9)?;
     let turn = so3::exp(axis * (-2.0 * angle));
     let rotation = UnitQuaternion::new_normalize((turn * eye_from_target.rotation()).into_inner());

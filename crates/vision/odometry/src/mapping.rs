@@ -95,7 +95,7 @@ pub struct RefinedExtrinsics {
 ///
 /// ```
 /// use odometry::{Config, FrameSet, Mapping, Odometry, Preset, Rig, View};
-/// # use cad_transforms::{RigidTransform, so3};
+/// # use cad_transforms::RigidTransform;
 /// # use imaging::ImageView;
 /// # use camera_models::{CameraModel, Distortion};
 /// # use odometry::rig::StereoCamera;
@@ -410,7 +410,7 @@ fn widen(observations: &mut [(u64, BearingObservation)], keyframes: &[u64]) {
 /// pose is fixed relative to the nearest one. Keyframes without a frame set are ignored.
 ///
 /// ```
-/// use cad_transforms::{RigidTransform, so3};
+/// use cad_transforms::RigidTransform;
 /// use odometry::mapping::interpolate_poses;
 ///
 /// let at = |time_ns, x| RigidTransform::from_translation_m([x, 0.0, 0.0]).map(|pose| (time_ns, pose));

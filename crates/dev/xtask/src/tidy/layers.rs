@@ -22,7 +22,7 @@ pub(crate) enum Layer {
     Dev,
 }
 
-/// Packages that are at the top level.
+/// Packages that are at the top level; `affordance` and `simulation` are planned.
 const TOP_LEVEL: [(&str, Layer); 8] = [
     ("affordance", Layer::Program),
     ("cad-transforms", Layer::Support),

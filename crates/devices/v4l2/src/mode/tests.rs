@@ -49,7 +49,7 @@ fn rates_that_are_the_same() {
 }
 
 #[test]
-fn bytes_of_a_image() {
+fn bytes_of_an_image() {
     let format = |fourcc: &str, bytes_per_line, size_image| Format {
         fourcc: fourcc.parse().unwrap(),
         width: 2560,

@@ -12,7 +12,7 @@ fn installed_encoders_pass_their_trial() {
             let trial = trial(element, width, height).unwrap();
             assert_eq!(trial.element, element);
             assert_eq!(Some(trial.codec), video::encoder::element_codec(element));
-            assert!(trial.images_per_s > 0.0);
+            assert!(trial.frames_per_s > 0.0);
         }
     }
 }

@@ -63,7 +63,7 @@ fn cameras(simulation: &Simulation) -> String {
         };
         let _ = write!(
             text,
-            "\n[[camera]]\nname = {:?}\nlate_ns = {} # frame timestamp minus true exposure time\n\
+            "\n[[camera]]\nname = {:?}\ntime_offset_ns = {} # frame timestamp minus true exposure time\n\
              line_s = {line_s:?} # from row to row; 0 for a global shutter\n",
             camera.name, camera.time_offset_ns
         );

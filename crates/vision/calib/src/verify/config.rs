@@ -71,7 +71,7 @@ config! {
         /// Corner detection.
         pub corners: CornerConfig = CornerConfig::default(),
         /// Patch alignment.
-        pub klt: KltConfig = KltConfig::default(),
+        pub klt: KltConfig = klt(),
         /// Search along the epipolar line.
         pub search: SearchConfig = SearchConfig::default(),
     }
@@ -260,4 +260,14 @@ config! {
         /// gyroscopes each counts for two thirds, with `n` for `2 / n`.
         pub pair_covariance_factor: f64 = 0.5,
     }
+}
+
+/// Tracking with the thresholds that the tolerances were set with (`cargo xtask bench
+/// calib_verify`); patches are of 11 x 11 px.
+fn klt() -> KltConfig {
+    let mut config = KltConfig::default();
+    config.max_iterations = 12;
+    config.max_forward_backward_px = 0.4;
+    config.min_contrast = 1.0;
+    config
 }

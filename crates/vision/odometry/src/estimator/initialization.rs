@@ -6,7 +6,8 @@
 
 use std::collections::BTreeMap;
 
-use nalgebra::{UnitQuaternion, Vector3};
+use cad_transforms::so3;
+use nalgebra::Vector3;
 
 use super::{Estimate, Odometry};
 use crate::backend::window::{Frame, Prior, Window};
@@ -77,10 +78,8 @@ pub(crate) fn initialize_static(
         set(ROTATION, config.static_tilt_sigma_rad);
     }
     if accel.norm() > 1.0 {
-        state.rotation =
-            UnitQuaternion::rotation_between(&accel, &Vector3::z()).unwrap_or_else(|| {
-                UnitQuaternion::from_axis_angle(&Vector3::x_axis(), std::f64::consts::PI)
-            });
+        state.rotation = so3::between(&accel, &Vector3::z())
+            .unwrap_or_else(|| so3::exp(Vector3::x() * std::f64::consts::PI));
     }
     state.gyro_rate = readings[readings.len() - 1].gyro;
     (state, sigmas)

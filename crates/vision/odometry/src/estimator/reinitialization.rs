@@ -7,7 +7,7 @@
 //! in the first window, position and heading from the best guess. Their uncertainty remains outside
 //! the window ([`ResetUncertainty`]) and is added to the covariances of the window.
 
-use nalgebra::{Matrix3, Matrix6, UnitQuaternion, Vector3};
+use nalgebra::{Matrix3, Matrix6, Quaternion, UnitQuaternion, Vector3};
 
 use super::Odometry;
 use super::keyframes::finish_keyframe;
@@ -71,9 +71,9 @@ pub(crate) fn reinitialize(
         sigmas[ACCEL_BIAS..].fill(config.reinitialization.bias_sigma[1]);
         if !readings.is_empty() {
             let cross_covariance = guess.rotation * fresh.rotation.inverse();
-            let heading = 2.0 * cross_covariance.k.atan2(cross_covariance.w);
-            let about_up = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), heading);
-            state.rotation = about_up * fresh.rotation;
+            // Its part about the vertical.
+            let about_up = Quaternion::new(cross_covariance.w, 0.0, 0.0, cross_covariance.k);
+            state.rotation = UnitQuaternion::new_normalize(about_up) * fresh.rotation;
         }
         // The window estimates the tilt: of the rotation only the heading remains outside.
         let up = guess.rotation.inverse() * Vector3::z();

@@ -1,10 +1,9 @@
 //! Synthetic scene without noise: the solution must equal the ground truth, from a start so far
 //! away that wrong Jacobians would not converge.
 
-use cad_transforms::so3;
 use std::collections::BTreeMap;
 
-use cad_transforms::RigidTransform;
+use cad_transforms::{RigidTransform, so3};
 use camera_models::{CameraModel, Distortion, Eye as Side};
 
 use super::*;
