@@ -2,8 +2,8 @@
 //!
 //! Contract: level `k` has every `2^k`-th pixel, smoothed by the binomial filter 1 4 6 4 1 before
 //! each halving. Pixel `i` of level `k` is at pixel `2^k i` of the image, so that coordinates of
-//! levels differ by a factor only. All levels are bytes: a patch of 8 x 8, as odometry uses, is then
-//! two cache lines, and rounding moves a corner by less than noise does.
+//! levels differ by a factor only. All levels are bytes: a patch of 8 x 8, as odometry uses, is
+//! then two cache lines, and rounding moves a corner by less than noise does.
 
 use estimator_config::config;
 
