@@ -9,7 +9,7 @@
 //!   beeps; a [`panel::Panel`] shows it on every [`light`] and [`beeper`].
 //!
 //! What each light means, to print: [`table`], and `docs/reference/led-table.md` that is made from
-//! it. Which devices a machine has: [`found`].
+//! it. Which devices a machine has: [`inventory`].
 //!
 //! Contract: nothing here stops a recording or waits for one. A command is reported once, with the
 //! time of the press that began it. A button that goes away is reported and waited for; a light
