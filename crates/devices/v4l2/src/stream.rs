@@ -112,10 +112,10 @@ impl Stream {
             not_queued: None,
         };
         for index in 0..given {
-            let mut told = buffer(index);
-            sys::query_buffer(stream.camera.fd(), &mut told)
+            let mut descriptor = buffer(index);
+            sys::query_buffer(stream.camera.fd(), &mut descriptor)
                 .map_err(|e| stream.failed("asking for a buffer's place", e))?;
-            let map = Map::new(stream.camera.fd(), told.offset, told.length)
+            let map = Map::new(stream.camera.fd(), descriptor.offset, descriptor.length)
                 .map_err(|e| stream.failed("mapping a buffer", e))?;
             stream.maps.push(map);
         }
@@ -133,7 +133,7 @@ impl Stream {
             return Err(self.broken(errno));
         }
         let mut remaining = Remaining::new(timeout);
-        let told = loop {
+        let descriptor = loop {
             let waited = wait::readable(self.camera.fd(), &mut remaining);
             let Some(ready) = waited.map_err(|e| self.broken(e))? else {
                 return Ok(Next::Nothing);
@@ -141,21 +141,21 @@ impl Stream {
             if ready.hang_up {
                 return Err(self.broken(Errno::NODEV));
             }
-            let mut told = buffer(0);
-            match sys::dequeue(self.camera.fd(), &mut told) {
-                Ok(()) => break told,
+            let mut descriptor = buffer(0);
+            match sys::dequeue(self.camera.fd(), &mut descriptor) {
+                Ok(()) => break descriptor,
                 // Nothing to wait for, and nothing there.
                 Err(Errno::AGAIN) if ready.error => return Err(self.broken(Errno::PIPE)),
                 Err(Errno::AGAIN) => {}
                 Err(errno) => return Err(self.broken(errno)),
             }
         };
-        let Some(map) = self.maps.get(told.index as usize) else {
+        let Some(map) = self.maps.get(descriptor.index as usize) else {
             return Err(self.broken(Errno::BADMSG));
         };
-        let info = FrameInfo::of(&told, map.len(), self.format.image_bytes());
+        let info = FrameInfo::of(&descriptor, map.len(), self.format.image_bytes());
         Ok(Next::Frame(Buffer {
-            index: told.index,
+            index: descriptor.index,
             info,
             stream: self,
         }))

@@ -155,10 +155,10 @@ fn mirrored(eye_from_target: &RigidTransform, points: &[Point]) -> Option<RigidT
     let middle: [f64; 3] =
         std::array::from_fn(|i| points.iter().map(|p| p.x_in_target[i]).sum::<f64>() / n);
     let at = Vector3::from(eye_from_target.apply(middle));
-    let sight = at.try_normalize(0.0)?;
+    let bearing = at.try_normalize(0.0)?;
     let normal = Vector3::from(eye_from_target.rotate([0.0, 0.0, 1.0]));
-    let axis = sight.cross(&normal);
-    let angle = libm::atan2(axis.norm(), sight.dot(&normal));
+    let axis = bearing.cross(&normal);
+    let angle = libm::atan2(axis.norm(), bearing.dot(&normal));
     let axis = axis.try_normalize(1e-9)?;
     let turn = so3::exp(axis * (-2.0 * angle));
     let rotation = UnitQuaternion::new_normalize((turn * eye_from_target.rotation()).into_inner());
