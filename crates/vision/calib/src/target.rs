@@ -15,12 +15,12 @@ mod config;
 mod decode;
 mod detect;
 mod grid;
-mod image;
 mod lattice;
 mod link;
 mod refine;
 mod saddle;
 mod scene;
+mod smooth;
 mod square;
 
 pub use blur::Blur;
@@ -28,7 +28,7 @@ pub use config::{
     BlurConfig, Config, LatticeConfig, LinkConfig, MarkerConfig, RefinementConfig, SaddleConfig,
 };
 pub use detect::{DetectedCorner, Detection, detect, detect_all};
-pub use image::ImageView;
+pub use imaging::ImageView;
 
 #[cfg(test)]
 mod tests;

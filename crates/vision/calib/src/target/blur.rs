@@ -1,8 +1,10 @@
 //! Image noise and sharpness of the borders of a board.
 
 use super::config::{BlurConfig, Config};
-use super::image::{ImageView, Smooth};
+use imaging::ImageView;
+
 use super::saddle;
+use super::smooth::Smooth;
 
 /// Image noise, grey values: the median of second differences along both axes, which cancel slopes
 /// and straight borders (Immerkær 1996; median instead of mean, to reduce the influence of

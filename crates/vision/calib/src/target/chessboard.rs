@@ -5,12 +5,12 @@ use boards::{Dictionary, Target};
 use super::blur::Border;
 use super::config::{Config, LatticeConfig, MarkerConfig};
 use super::decode::{self, Book, Layout};
-use super::image::ImageView;
 use super::lattice::{self, Lattice};
 use super::refine::{self, Window};
 use super::saddle;
 use super::scene::{CornerCandidate, Found, Scene};
 use super::square::{Square, distance};
+use imaging::ImageView;
 
 /// Placement of the board's axes in a lattice: `lattice = origin + rotated by quarter turns
 /// (board)`.

@@ -8,8 +8,8 @@
 use boards::{Dictionary, quarter_turn};
 
 use super::config::MarkerConfig;
-use super::image::ImageView;
 use super::square::Square;
+use imaging::ImageView;
 
 /// Position of a marker in its square.
 #[derive(Clone, Copy, Debug)]

@@ -21,9 +21,11 @@ use boards::Target;
 
 use super::blur::{self, Blur};
 use super::config::Config;
-use super::image::{ImageView, Smooth};
+use imaging::ImageView;
+
 use super::refine::{self, Window};
 use super::scene::{CornerCandidate, Found, Scene};
+use super::smooth::Smooth;
 use super::square::distance;
 use super::{chessboard, grid};
 

@@ -12,11 +12,11 @@ use boards::Target;
 use super::blur::Border;
 use super::config::Config;
 use super::decode::{self, Book, Layout};
-use super::image::ImageView;
 use super::refine::{self, Window};
 use super::saddle;
 use super::scene::{CornerCandidate, Found, Scene};
 use super::square::{Square, distance};
+use imaging::ImageView;
 
 /// A tag in the image.
 #[derive(Clone, Debug)]

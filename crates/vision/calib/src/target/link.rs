@@ -7,8 +7,8 @@
 //! if both ends found each other, or if one did and the other found nothing.
 
 use super::config::LinkConfig;
-use super::image::Smooth;
 use super::saddle::Saddle;
+use super::smooth::Smooth;
 
 /// The other end of a link: crossing and its returning ray.
 pub(super) type End = (usize, usize);

@@ -13,7 +13,7 @@
 //! is not stable (for an image `I = x y` a step doubles the distance), and real corners were lost.
 
 use super::config::RefinementConfig;
-use super::image::{Smooth, UNIT};
+use super::smooth::{Smooth, UNIT};
 use super::square::distance;
 
 /// Maximum radius of any window, pixels: the size of its arrays.

@@ -11,8 +11,8 @@
 //! same criterion).
 
 use super::config::{Config, SaddleConfig};
-use super::image::{Smooth, UNIT};
 use super::refine::{self, Window};
+use super::smooth::{Smooth, UNIT};
 
 /// Samples around the circle.
 const SAMPLES: usize = 32;

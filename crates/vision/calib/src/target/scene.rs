@@ -2,9 +2,9 @@
 
 use super::blur::Border;
 use super::config::Config;
-use super::image::Smooth;
 use super::link::{self, Links};
 use super::saddle::{self, Saddle};
+use super::smooth::Smooth;
 
 /// The crossings of an image and their links.
 pub(super) struct Scene {

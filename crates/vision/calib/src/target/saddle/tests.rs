@@ -1,5 +1,5 @@
-use super::super::image::ImageView;
 use super::*;
+use imaging::ImageView;
 
 /// The same numbers, one pixel at a time, from the definition.
 fn slow_response(smooth: &Smooth, x: usize, y: usize) -> f32 {

@@ -1,6 +1,6 @@
 //! The smoothing filter of detection.
 
-pub use imaging::ImageView;
+use imaging::ImageView;
 
 /// An image after the binomial filter 1 4 6 4 1 along both axes (standard deviation 1 pixel), in
 /// 1/256 of a grey value: exact integers, so that every implementation gives the same. The last
