@@ -37,6 +37,7 @@ mod real;
 mod results;
 mod run;
 mod settings;
+mod stereo_deviation;
 mod sweeps;
 mod table;
 mod test_walks;

@@ -12,7 +12,7 @@
 use anyhow::{Context as _, Result};
 use cad_transforms::{Covariance, RigidTransform};
 use nalgebra::Matrix6;
-use odometry::mapping::{Connectivity, RefinedExtrinsics};
+use odometry::mapping::{Connectivity, RefinedExtrinsics, RefinedStereo};
 use odometry::{CameraShift, Config, Estimate, Mapping, Odometry, Rig};
 use scene_bundle::{Pose, Status, Trajectory};
 
@@ -46,6 +46,8 @@ pub struct Refined {
     pub landmarks: usize,
     /// Refined extrinsics of the cameras.
     pub extrinsics: Vec<RefinedExtrinsics>,
+    /// Refined stereo calibrations of the cameras.
+    pub stereo: Vec<RefinedStereo>,
 }
 
 impl Tracking {
@@ -122,6 +124,7 @@ impl Tracking {
             iterations: adjusted.iterations,
             landmarks: adjusted.landmarks,
             extrinsics: adjusted.extrinsics,
+            stereo: adjusted.stereo,
         }))
     }
 }

@@ -8,4 +8,5 @@ pub(crate) mod newest_pose;
 pub(crate) mod observation;
 pub(crate) mod solver;
 pub(crate) mod state;
+pub(crate) mod stereo;
 pub(crate) mod window;

@@ -12,7 +12,9 @@ mod frontend;
 mod inertial;
 mod mapping;
 
-pub use backend::{BackendConfig, CovarianceConfig, ExtrinsicsConfig, NewestPoseConfig};
+pub use backend::{
+    BackendConfig, CovarianceConfig, ExtrinsicsConfig, NewestPoseConfig, StereoCalibrationConfig,
+};
 pub use estimator::{
     CameraShiftConfig, EstimatorConfig, InitializationConfig, KeyframeConfig,
     ReinitializationConfig,

@@ -9,10 +9,12 @@
 use std::collections::BTreeMap;
 
 use cad_transforms::RigidTransform;
-use nalgebra::{Matrix3, Matrix6, SMatrix, Vector3};
+use nalgebra::{DMatrix, Matrix3, Matrix6, Vector3};
 use rayon::prelude::*;
 
-use crate::backend::covariance::{in_rig_frame, tilt_uncertainty, transport};
+use crate::backend::covariance::{
+    NewestCovariance, PoseCovariance, in_rig_frame, tilt_uncertainty, transport,
+};
 use crate::config::Config;
 use crate::estimator::reinitialization::ResetUncertainty;
 use crate::inertial::propagation::{ImuPropagator, constant_velocity};
@@ -25,7 +27,8 @@ use imaging::Pyramid;
 use crate::backend::newest_pose::refine_newest;
 use crate::backend::observation::{Camera, CameraPose};
 use crate::backend::solver::optimize_window;
-use crate::backend::state::{STATE_DIM, State};
+use crate::backend::state::State;
+use crate::backend::stereo;
 use crate::backend::window::{Frame, MotionFactor, Window};
 use crate::frontend::stale_image::StaleImageDetector;
 use crate::frontend::tracker::{Expected, Track, Tracker, transfer_pixel};
@@ -91,8 +94,11 @@ pub struct Odometry {
     window: Option<Window>,
     /// Whether the newest frame of the window is a keyframe.
     newest_is_keyframe: bool,
-    /// Covariance of the state of the last keyframe.
-    keyframe_covariance: SMatrix<f64, STATE_DIM, STATE_DIM>,
+    /// Covariance of the state of the last keyframe and of the stereo calibrations.
+    keyframe_covariance: NewestCovariance,
+    /// Information of the stereo calibrations: before any image, and at the start of the window.
+    stereo_prior: DMatrix<f64>,
+    stereo_information: DMatrix<f64>,
     last: Option<State>,
     /// Whether tracking is lost, until the window is reinitialized.
     is_lost: bool,
@@ -114,6 +120,7 @@ impl Odometry {
     /// Creates the estimator of a rig.
     pub fn new(rig: &Rig, config: Config) -> Self {
         let (cameras, body_from_rig, imu) = ImuPropagator::of(rig, &config.inertial);
+        let stereo_prior = stereo::prior_information(&config.backend.stereo, rig.cameras.len());
         Self {
             config,
             cameras,
@@ -123,7 +130,11 @@ impl Odometry {
             stale_detectors: vec![None; rig.cameras.len()],
             window: None,
             newest_is_keyframe: true,
-            keyframe_covariance: SMatrix::zeros(),
+            keyframe_covariance: NewestCovariance {
+                joint: DMatrix::zeros(0, 0),
+            },
+            stereo_information: stereo_prior.clone(),
+            stereo_prior,
             last: None,
             is_lost: false,
             unmodeled: Vec::new(),
@@ -241,10 +252,10 @@ impl Odometry {
         if !is_tracked {
             // A few accidental inliers would be accepted: the pose follows the IMU prediction.
             is_connected = self.discard_newest(&mut window, guess);
-            information = refine_newest(&mut window, &self.keyframe_covariance, 1);
+            information = refine_newest(&mut window, &self.keyframe_covariance.state(), 1);
         }
         let is_keyframe = self.is_keyframe(&window, is_tracked);
-        let mut own = information.and_then(|h| h.cholesky()).map(|c| c.inverse());
+        let own = information.and_then(|h| h.cholesky()).map(|c| c.inverse());
         let mut joint = None;
         if is_keyframe
             || self.config.backend.optimize_every_frame
@@ -252,25 +263,28 @@ impl Odometry {
         {
             joint = optimize_window(&mut window, self.config.backend.max_iterations).1;
         }
-        if let Some(joint) = joint {
-            if is_keyframe {
-                self.keyframe_covariance = joint;
-            }
-            own = None;
-        }
+        let of = |covariance: &NewestCovariance| {
+            covariance.pose(&self.config.backend.covariance, &self.stereo_prior)
+        };
         let keyframe_covariance = || {
             let from = &window.frames[window.frames.len() - 2].state;
-            let covariance = self
-                .keyframe_covariance
-                .fixed_view::<6, 6>(0, 0)
-                .into_owned();
-            transport(from, &window.newest().state, &covariance)
+            of(&self.keyframe_covariance).map(|part| transport(from, &window.newest().state, part))
         };
-        let covariance = match (joint, own) {
-            (Some(joint), _) => joint.fixed_view::<6, 6>(0, 0).into_owned(),
-            (None, Some(own)) => keyframe_covariance() + own.fixed_view::<6, 6>(0, 0),
-            (None, None) => keyframe_covariance() + Matrix6::identity(),
+        let covariance = match (&joint, own) {
+            (Some(joint), _) => of(joint),
+            (None, own) => {
+                let mut covariance = keyframe_covariance();
+                covariance.given_stereo += own.map_or(Matrix6::identity(), |own| {
+                    own.fixed_view::<6, 6>(0, 0).into_owned()
+                });
+                covariance
+            }
         };
+        if let Some(joint) = joint.filter(|_| is_keyframe) {
+            self.keyframe_covariance = joint;
+        }
+        // Features are matched with the estimated stereo calibrations.
+        self.cameras.clone_from(&window.cameras);
         if is_keyframe {
             let before = &window.frames[window.frames.len() - 2].state;
             self.path_length_m += (window.newest().state.position - before.position).norm();
@@ -284,11 +298,11 @@ impl Odometry {
                     .estimator
                     .reinitialization
                     .max_rotation_sigma_rad,
-                &covariance,
+                &covariance.sum(),
             );
         let estimate = self.estimate(&window, &covariance, inliers, is_tracked, is_keyframe);
         if self.is_lost {
-            self.reinitialize(&mut window, &covariance);
+            self.reinitialize(&mut window, &covariance.sum());
         }
         let mut state = window.newest().state;
         if self.gyro_rate(time_ns).is_none() {
@@ -437,13 +451,16 @@ impl Odometry {
     fn estimate(
         &self,
         window: &Window,
-        covariance: &Matrix6<f64>,
+        covariance: &PoseCovariance,
         inliers: usize,
         is_tracked: bool,
         is_keyframe: bool,
     ) -> Estimate {
         let state = &window.newest().state;
-        let covariance = self.with_unmodeled(state, *covariance);
+        let covariance = PoseCovariance {
+            given_stereo: self.with_unmodeled(state, covariance.given_stereo),
+            ..*covariance
+        };
         let mut covariance = in_rig_frame(
             &self.config.backend.covariance,
             state,

@@ -64,6 +64,9 @@ pub struct Keyframe {
     /// Whether the IMU samples since the previous keyframe were used: none was missing, and they
     /// agreed with the images.
     pub imu_valid: bool,
+    /// Estimated error of the stereo calibration of each camera, see
+    /// [`RefinedStereo::error`](crate::mapping::RefinedStereo::error).
+    pub stereo_errors: Vec<[f64; 6]>,
     /// Exposure offset of the middle row of each camera against the state, s; 0 without a frame.
     pub exposure_offset_s: Vec<f64>,
     /// Observations of tracked features.

@@ -11,13 +11,14 @@ use std::collections::BTreeMap;
 
 use cad_transforms::{RigidTransform, so3};
 use camera_models::Eye as Side;
-use nalgebra::{Matrix6, UnitQuaternion};
+use nalgebra::{DMatrix, Matrix6, UnitQuaternion, Vector6};
 
 use crate::backend::covariance::{in_rig_frame, tilt_uncertainty};
 use crate::backend::extrinsics::ExtrinsicsPrior;
 use crate::backend::observation::{BearingObservation, Camera};
 use crate::backend::solver::MIN_INVERSE_RANGE_PER_M;
 use crate::backend::state::{POSE_DIM, ROTATION, State};
+use crate::backend::stereo;
 use crate::backend::window::{Frame, Landmark, MotionFactor, Prior, Window};
 use crate::config::Config;
 use crate::estimator::initialization::initial_sigmas;
@@ -74,6 +75,21 @@ pub struct Refined {
     pub landmarks: usize,
     /// Estimated extrinsics, one per camera of the rig.
     pub extrinsics: Vec<RefinedExtrinsics>,
+    /// Estimated stereo calibrations, one per camera of the rig.
+    pub stereo: Vec<RefinedStereo>,
+}
+
+/// Estimated error of the stereo calibration of a camera.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RefinedStereo {
+    /// Error of the right eye against the left one: rotation of the right eye about its x, y and z
+    /// axes, rad; baseline, relative; focal length, relative; principal point along x, in focal
+    /// lengths.
+    pub error: [f64; 6],
+    /// Its covariance. What the walk does not determine has that of the calibration.
+    pub covariance: Matrix6<f64>,
+    /// Whether a component deviates from the calibration by more than three of its sigmas.
+    pub is_significant: bool,
 }
 
 /// Estimated extrinsics of a camera.
@@ -225,6 +241,7 @@ impl Mapping {
                 is_converged: true,
                 landmarks: 0,
                 extrinsics: Vec::new(),
+                stereo: Vec::new(),
             };
         };
         let config = &self.config.mapping;
@@ -251,7 +268,7 @@ impl Mapping {
         let near = bundle_adjustment::optimize(config, &mut window, &found, robust, &mut progress);
         bundle_adjustment::filter_landmarks(config, &mut window);
         let last = bundle_adjustment::optimize(config, &mut window, &found, cleaned, &mut progress);
-        let covariances = bundle_adjustment::covariances(config.max_covariances, &window, &found);
+        let covariances = bundle_adjustment::covariances(&self.config, &window, &found);
         let poses = window.frames.iter().zip(&covariances.poses);
         Refined {
             poses: poses
@@ -281,6 +298,7 @@ impl Mapping {
             is_converged: last.is_converged,
             landmarks: window.landmarks.len(),
             extrinsics: self.refined_extrinsics(&window, &covariances.extrinsics),
+            stereo: refined_stereo(&window, &covariances.stereo),
         }
     }
 
@@ -360,6 +378,16 @@ impl Mapping {
             }
         }
         let numbers: Vec<u64> = self.keyframes.iter().map(|k| k.number).collect();
+        // The prior is about the nominal calibration, the start is the last causal estimate.
+        let information =
+            stereo::prior_information(&self.config.backend.stereo, self.cameras.len());
+        let prior = prior.with_stereo(&self.cameras, &information);
+        let mut cameras = self.cameras.clone();
+        if let Some(last) = self.keyframes.last() {
+            for (camera, error) in cameras.iter_mut().zip(&last.stereo_errors) {
+                stereo::apply_error(camera, &Vector6::from(*error));
+            }
+        }
         let mut landmarks = BTreeMap::new();
         for (id, mut observations) in observations {
             // The first stereo observation is the host; earlier observations are dropped.
@@ -375,7 +403,7 @@ impl Mapping {
             let Some(right) = &observation.right else {
                 continue;
             };
-            let (rho, _) = self.cameras[observation.camera].triangulate(&observation.left, right);
+            let (rho, _) = cameras[observation.camera].triangulate(&observation.left, right);
             let landmark = Landmark {
                 rho: rho.max(MIN_INVERSE_RANGE_PER_M),
                 observations,
@@ -383,7 +411,7 @@ impl Mapping {
             landmarks.insert(id, landmark);
         }
         Window {
-            cameras: self.cameras.clone(),
+            cameras,
             extrinsics: Vec::new(),
             frames,
             landmarks,
@@ -391,6 +419,24 @@ impl Mapping {
             config: self.config.backend,
         }
     }
+}
+
+fn refined_stereo(window: &Window, covariance: &DMatrix<f64>) -> Vec<RefinedStereo> {
+    let each = window.cameras.iter().enumerate();
+    each.map(|(k, camera)| {
+        let at = k * POSE_DIM;
+        let covariance = covariance
+            .fixed_view::<POSE_DIM, POSE_DIM>(at, at)
+            .into_owned();
+        let error = camera.stereo.error;
+        let exceeds = |k: usize| error[k].abs() > 3.0 * covariance[(k, k)].sqrt();
+        RefinedStereo {
+            error: error.into(),
+            covariance,
+            is_significant: (0..POSE_DIM).any(exceeds),
+        }
+    })
+    .collect()
 }
 
 /// Increases the sigma of later observations: a tracked feature drifts from its start, and its

@@ -40,7 +40,7 @@ impl Stage<Input> for OdometryStage {
     }
 
     fn version(&self) -> u32 {
-        7
+        8
     }
 
     fn inputs(&self) -> &'static [&'static str] {
@@ -175,6 +175,7 @@ fn to_tracked(keyframe: &::odometry::Keyframe) -> TrackedKeyframe {
         gyro_rate: state.gyro_rate.into(),
         imu_valid: keyframe.imu_valid,
         exposure_offset_s: keyframe.exposure_offset_s.clone(),
+        stereo_errors: keyframe.stereo_errors.clone(),
         observations: (keyframe.observations.iter())
             .map(|s| StereoObservation {
                 track: s.id,
@@ -209,6 +210,7 @@ pub(super) fn from_tracked(keyframe: TrackedKeyframe) -> ::odometry::Keyframe {
         },
         imu_valid: keyframe.imu_valid,
         exposure_offset_s: keyframe.exposure_offset_s,
+        stereo_errors: keyframe.stereo_errors,
         observations: (keyframe.observations.iter())
             .map(|s| ::odometry::keyframe::StereoObservation {
                 id: s.track,

@@ -14,6 +14,7 @@ use serde::{Deserialize, Serialize};
 
 use super::figures::Figures;
 use super::settings;
+use super::stereo_deviation::StereoDeviation;
 use crate::meter::timed;
 
 /// First argument of the process; the job follows as JSON.
@@ -39,6 +40,9 @@ pub(crate) struct Job {
     /// Rotation error of one camera's calibration, degrees, in equal parts about x, y and z of its
     /// left frame.
     pub(crate) rotation_error_deg: f64,
+    /// Error of the stereo calibration of every camera.
+    #[serde(default, skip_serializing_if = "StereoDeviation::is_zero")]
+    pub(crate) stereo: StereoDeviation,
 }
 
 /// The camera with this error. Its IMU is not in use.
@@ -55,6 +59,7 @@ impl Job {
             sets: None,
             settings: settings.to_owned(),
             rotation_error_deg: 0.0,
+            stereo: StereoDeviation::default(),
         }
     }
 
@@ -76,7 +81,9 @@ impl Job {
         };
         let each = self.rotation_error_deg.to_radians() / 3.0_f64.sqrt();
         let off = RigidTransform::from_rotation_vector([each; 3], [0.0; 3])?;
-        Ok(sequence.with_nominal_rig(|rig| {
+        let mut applied = Ok(());
+        let sequence = sequence.with_nominal_rig(|rig| {
+            applied = self.stereo.apply(rig);
             for camera in rig
                 .cameras
                 .iter_mut()
@@ -84,7 +91,9 @@ impl Job {
             {
                 camera.rig_from_left = camera.rig_from_left * off;
             }
-        }))
+        });
+        applied?;
+        Ok(sequence)
     }
 }
 
@@ -153,6 +162,9 @@ pub(crate) struct AdjustedRun {
     pub(crate) mounts_off: Vec<[f64; 2]>,
     /// Cameras found to have moved.
     pub(crate) moved: Vec<String>,
+    /// Estimated errors of the stereo calibrations, and their sigmas.
+    #[serde(default)]
+    pub(crate) stereo: Vec<[[f64; 6]; 2]>,
     /// Errors of the refined poses.
     pub(crate) figures: Figures,
 }
@@ -286,6 +298,12 @@ fn work(order: &RunRequest) -> Result<Answer> {
             moved: (sequence.rig().cameras.iter().zip(&adjusted.extrinsics))
                 .filter(|(_, mount)| mount.is_moved)
                 .map(|(camera, _)| camera.name.clone())
+                .collect(),
+            stereo: (adjusted.stereo.iter())
+                .map(|stereo| {
+                    let sigma = |k: usize| stereo.covariance[(k, k)].sqrt();
+                    [stereo.error, std::array::from_fn(sigma)]
+                })
                 .collect(),
             figures: Figures::of(&adjusted.trajectory, &truth)?,
         }),

@@ -22,7 +22,10 @@ const KEYFRAMES: &str = "keyframes.npy";
 const OBSERVATIONS: &str = "observations.npy";
 const KEYPOINTS: &str = "keypoints.npy";
 
-const KEYFRAME_COLUMNS: [Column; 12] = [
+/// Components of the error of a stereo calibration.
+const STEREO_DIM: usize = 6;
+
+const KEYFRAME_COLUMNS: [Column; 13] = [
     Column("set", Kind::U64, 1),
     Column("time_ns", Kind::I64, 1),
     Column("position_m", Kind::F64, 3),
@@ -33,6 +36,7 @@ const KEYFRAME_COLUMNS: [Column; 12] = [
     Column("gyro_rate", Kind::F64, 3),
     Column("imu_valid", Kind::U8, 1),
     Column("exposure_offset_s", Kind::F64, MAX_CAMERAS),
+    Column("stereo_error", Kind::F64, STEREO_DIM * MAX_CAMERAS),
     Column("observations", Kind::U64, 1),
     Column("keypoints", Kind::U64, 1),
 ];
@@ -71,6 +75,10 @@ pub struct TrackedKeyframe {
     /// Exposure offset of each camera's middle row against the time of the set, s; at most
     /// [`MAX_CAMERAS`] values.
     pub exposure_offset_s: Vec<f64>,
+    /// Estimated error of each camera's stereo calibration: rotation of the right eye about its x,
+    /// y and z axes, rad; baseline, relative; focal length, relative; principal point along x, in
+    /// focal lengths. At most [`MAX_CAMERAS`] values.
+    pub stereo_errors: Vec<[f64; 6]>,
     /// Observations of tracked features.
     pub observations: Vec<StereoObservation>,
     /// Keypoints for loop closure.
@@ -134,6 +142,9 @@ impl TracksWriter {
         let mut exposure_offset_s = [0.0; MAX_CAMERAS];
         exposure_offset_s[..keyframe.exposure_offset_s.len()]
             .copy_from_slice(&keyframe.exposure_offset_s);
+        let mut stereo_error = [0.0; STEREO_DIM * MAX_CAMERAS];
+        let errors = keyframe.stereo_errors.as_flattened();
+        stereo_error[..errors.len()].copy_from_slice(errors);
         self.keyframes.row(|row| {
             row.u64(keyframe.set);
             row.i64(keyframe.time_ns);
@@ -145,6 +156,7 @@ impl TracksWriter {
             row.f64(&keyframe.gyro_rate);
             row.u8(u8::from(keyframe.imu_valid));
             row.f64(&exposure_offset_s);
+            row.f64(&stereo_error);
             row.u64(keyframe.observations.len() as u64);
             row.u64(keyframe.keypoints.len() as u64);
         })?;
@@ -228,6 +240,8 @@ pub fn read(reader: &OutputReader, cameras: usize) -> Result<Vec<TrackedKeyframe
         let (accel_bias, gyro_rate) = (fields.f64(), fields.f64());
         let imu_valid = fields.u8() != 0;
         let exposure_offset_s: [f64; MAX_CAMERAS] = fields.f64();
+        let stereo_error: [f64; STEREO_DIM * MAX_CAMERAS] = fields.f64();
+        let (stereo_errors, _) = stereo_error.as_chunks::<STEREO_DIM>();
         let (observation_count, keypoint_count) = (fields.u64() as usize, fields.u64() as usize);
         let keyframe = TrackedKeyframe {
             set,
@@ -239,6 +253,7 @@ pub fn read(reader: &OutputReader, cameras: usize) -> Result<Vec<TrackedKeyframe
             gyro_rate,
             imu_valid,
             exposure_offset_s: exposure_offset_s[..cameras.min(MAX_CAMERAS)].to_vec(),
+            stereo_errors: stereo_errors[..cameras.min(MAX_CAMERAS)].to_vec(),
             observations: observations.by_ref().take(observation_count).collect(),
             keypoints: keypoints.by_ref().take(keypoint_count).collect(),
         };

@@ -1,10 +1,117 @@
 //! Covariance inflation: from the covariance of the solver to the reported one.
 
 use cad_transforms::RigidTransform;
-use nalgebra::{Matrix6, Matrix6x2};
+use nalgebra::{DMatrix, Matrix6, Matrix6x2, SMatrix};
 
-use crate::backend::state::State;
+use crate::backend::state::{POSE_DIM, STATE_DIM, State};
 use crate::config::CovarianceConfig;
+
+/// Joint covariance of the newest state and the stereo calibrations.
+#[derive(Clone, Debug)]
+pub(crate) struct NewestCovariance {
+    pub(crate) joint: DMatrix<f64>,
+}
+
+impl NewestCovariance {
+    /// Covariance of the state.
+    pub(crate) fn state(&self) -> SMatrix<f64, STATE_DIM, STATE_DIM> {
+        self.joint
+            .fixed_view::<STATE_DIM, STATE_DIM>(0, 0)
+            .into_owned()
+    }
+
+    /// Covariance of the stereo calibrations.
+    pub(crate) fn stereo(&self) -> DMatrix<f64> {
+        let size = self.joint.nrows() - STATE_DIM;
+        self.joint
+            .view((STATE_DIM, STATE_DIM), (size, size))
+            .into_owned()
+    }
+
+    /// Covariance of the pose. `prior` is the information of the stereo calibrations before any
+    /// image.
+    pub(crate) fn pose(&self, config: &CovarianceConfig, prior: &DMatrix<f64>) -> PoseCovariance {
+        let size = self.joint.nrows() - STATE_DIM;
+        let pose = self.joint.fixed_view::<POSE_DIM, POSE_DIM>(0, 0);
+        let cross = self.joint.view((0, STATE_DIM), (POSE_DIM, size));
+        PoseCovariance::split(
+            config,
+            prior,
+            &pose.into_owned(),
+            &cross.into_owned(),
+            &self.stereo(),
+        )
+    }
+}
+
+/// Covariance of a pose in two parts: if the stereo calibrations were exact, and by their
+/// uncertainty. Only the first part is inflated when it is reported.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct PoseCovariance {
+    pub(crate) given_stereo: Matrix6<f64>,
+    pub(crate) by_stereo: Matrix6<f64>,
+}
+
+impl PoseCovariance {
+    /// Splits the covariance of a pose, given its cross-covariance with the stereo calibrations and
+    /// theirs. The information of the observations on the calibrations is reduced as for poses,
+    /// that of their prior is unchanged.
+    pub(crate) fn split(
+        config: &CovarianceConfig,
+        prior: &DMatrix<f64>,
+        pose: &Matrix6<f64>,
+        cross: &DMatrix<f64>,
+        stereo: &DMatrix<f64>,
+    ) -> Self {
+        let Some(information) = stereo.clone().try_inverse() else {
+            return Self::given(*pose);
+        };
+        let gain = cross * &information;
+        let explained = &gain * cross.transpose();
+        let by_stereo = &gain * inflate_stereo(config, prior, stereo) * gain.transpose();
+        let fixed = |matrix: &DMatrix<f64>| Matrix6::from_fn(|i, j| matrix[(i, j)]);
+        Self {
+            given_stereo: pose - fixed(&explained),
+            by_stereo: fixed(&by_stereo),
+        }
+    }
+
+    /// The covariance with exact stereo calibrations.
+    pub(crate) fn given(covariance: Matrix6<f64>) -> Self {
+        Self {
+            given_stereo: covariance,
+            by_stereo: Matrix6::zeros(),
+        }
+    }
+
+    /// The whole covariance as the solver has it.
+    pub(crate) fn sum(&self) -> Matrix6<f64> {
+        self.given_stereo + self.by_stereo
+    }
+
+    /// Applies to both parts.
+    pub(crate) fn map(&self, by: impl Fn(&Matrix6<f64>) -> Matrix6<f64>) -> Self {
+        Self {
+            given_stereo: by(&self.given_stereo),
+            by_stereo: by(&self.by_stereo),
+        }
+    }
+}
+
+/// Covariance of stereo calibrations with the information of the observations reduced, that of
+/// the prior unchanged.
+pub(crate) fn inflate_stereo(
+    config: &CovarianceConfig,
+    prior: &DMatrix<f64>,
+    covariance: &DMatrix<f64>,
+) -> DMatrix<f64> {
+    let square = config.sigma_inflation * config.sigma_inflation;
+    let inflate = covariance.clone().try_inverse().and_then(|information| {
+        let measured = information - prior;
+        (prior + measured / square).try_inverse()
+    });
+    inflate.unwrap_or_else(|| covariance * square)
+}
 
 /// Adds errors that the covariance of the solver does not model: observations of one feature are
 /// correlated over frames, and calibrations have constant errors. Sigmas are multiplied by
@@ -15,9 +122,10 @@ fn inflate(
     config: &CovarianceConfig,
     state: &State,
     path_length_m: f64,
-    covariance: &Matrix6<f64>,
+    covariance: &PoseCovariance,
 ) -> Matrix6<f64> {
-    let mut out = covariance * (config.sigma_inflation * config.sigma_inflation);
+    let square = config.sigma_inflation * config.sigma_inflation;
+    let mut out = covariance.given_stereo * square + covariance.by_stereo;
     let position_sigma_m = config.position_sigma_floor_m
         + config.scale_sigma * state.position.norm()
         + config.drift_per_metre * path_length_m;
@@ -55,7 +163,7 @@ pub(crate) fn in_rig_frame(
     state: &State,
     body_from_rig: &RigidTransform,
     path_length_m: f64,
-    covariance: &Matrix6<f64>,
+    covariance: &PoseCovariance,
 ) -> Matrix6<f64> {
     let mut to_own = Matrix6::identity();
     to_own

@@ -25,6 +25,10 @@ pub(crate) fn marginalize(window: &mut Window, leaving: usize) {
     let near = |motion: usize| motion == leaving || motion == leaving + 1;
     let linear = linearize(window, &hosted, near, 0.0);
     let rest: Vec<usize> = (0..window.frames.len()).filter(|k| *k != leaving).collect();
+    // Rows that remain: those of the other frames, followed by those of stereo calibrations.
+    let rows: Vec<usize> = (0..linear.gradient.len())
+        .filter(|row| *row < leaving * STATE_DIM || *row >= (leaving + 1) * STATE_DIM)
+        .collect();
     let at = leaving * STATE_DIM;
     let own: SMatrix<f64, STATE_DIM, STATE_DIM> = linear
         .information
@@ -44,29 +48,13 @@ pub(crate) fn marginalize(window: &mut Window, leaving: usize) {
     let inverse = SMatrix::from_diagonal(&scale)
         * (eigen.eigenvectors * SMatrix::from_diagonal(&inverse) * eigen.eigenvectors.transpose())
         * SMatrix::from_diagonal(&scale);
-    let size = rest.len() * STATE_DIM;
-    let mut across = DMatrix::zeros(size, STATE_DIM);
-    let mut information = DMatrix::zeros(size, size);
-    let mut gradient = DVector::zeros(size);
-    for (a, frame_a) in rest.iter().enumerate() {
-        let block = linear
-            .information
-            .view((frame_a * STATE_DIM, at), (STATE_DIM, STATE_DIM));
-        across
-            .view_mut((a * STATE_DIM, 0), (STATE_DIM, STATE_DIM))
-            .copy_from(&block);
-        let rows = linear.gradient.rows(frame_a * STATE_DIM, STATE_DIM);
-        gradient.rows_mut(a * STATE_DIM, STATE_DIM).copy_from(&rows);
-        for (b, frame_b) in rest.iter().enumerate() {
-            let block = linear.information.view(
-                (frame_a * STATE_DIM, frame_b * STATE_DIM),
-                (STATE_DIM, STATE_DIM),
-            );
-            information
-                .view_mut((a * STATE_DIM, b * STATE_DIM), (STATE_DIM, STATE_DIM))
-                .copy_from(&block);
-        }
-    }
+    let across = DMatrix::from_fn(rows.len(), STATE_DIM, |i, j| {
+        linear.information[(rows[i], at + j)]
+    });
+    let mut information = DMatrix::from_fn(rows.len(), rows.len(), |i, j| {
+        linear.information[(rows[i], rows[j])]
+    });
+    let mut gradient = DVector::from_fn(rows.len(), |i, _| linear.gradient[rows[i]]);
     let weighted = &across * inverse;
     information -= &weighted * across.transpose();
     gradient -= &weighted * linear.gradient.rows(at, STATE_DIM);
@@ -74,8 +62,16 @@ pub(crate) fn marginalize(window: &mut Window, leaving: usize) {
     let connected: Vec<usize> = (0..rest.len())
         .filter(|a| information.rows(a * STATE_DIM, STATE_DIM).amax() > 0.0)
         .collect();
-    let pick = |k: usize| connected[k / STATE_DIM] * STATE_DIM + k % STATE_DIM;
-    let count = connected.len() * STATE_DIM;
+    let frames = connected.len() * STATE_DIM;
+    let stereo_rest = rest.len() * STATE_DIM;
+    let pick = |k: usize| {
+        if k < frames {
+            connected[k / STATE_DIM] * STATE_DIM + k % STATE_DIM
+        } else {
+            stereo_rest + k - frames
+        }
+    };
+    let count = frames + rows.len() - stereo_rest;
     window.prior = Prior {
         at: connected
             .iter()
@@ -83,6 +79,10 @@ pub(crate) fn marginalize(window: &mut Window, leaving: usize) {
                 let frame = &window.frames[rest[*a]];
                 (frame.number, frame.state)
             })
+            .collect(),
+        stereo: window.cameras[..window.prior.stereo.len()]
+            .iter()
+            .map(|camera| camera.stereo.error)
             .collect(),
         information: DMatrix::from_fn(count, count, |i, j| {
             0.5 * (information[(pick(i), pick(j))] + information[(pick(j), pick(i))])

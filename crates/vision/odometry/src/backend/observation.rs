@@ -13,6 +13,7 @@ use camera_models::{Eye as Side, Lens};
 use nalgebra::{Matrix2x3, Matrix3, Vector2, Vector3};
 
 use crate::backend::state::State;
+use crate::backend::stereo::StereoGeometry;
 use crate::rig::StereoCamera;
 
 /// Geometry of one stereo camera; the body is the frame of states.
@@ -21,7 +22,10 @@ pub(crate) struct Camera {
     pub(crate) left: Lens,
     pub(crate) right: Lens,
     pub(crate) body_from_left: (Matrix3<f64>, Vector3<f64>),
+    /// Map to the right eye with the estimated error of the calibration, see
+    /// [`StereoGeometry::right_from_left`].
     pub(crate) right_from_left: (Matrix3<f64>, Vector3<f64>),
+    pub(crate) stereo: StereoGeometry,
     pub(crate) line_s: f64,
 }
 
@@ -41,6 +45,7 @@ impl Camera {
             right: Lens::new(&camera.right),
             body_from_left: parts(&(*body_from_rig * camera.rig_from_left)),
             right_from_left: parts(&camera.right_from_left),
+            stereo: StereoGeometry::new(parts(&camera.right_from_left)),
             line_s: camera.line_s,
         }
     }

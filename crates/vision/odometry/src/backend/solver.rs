@@ -8,12 +8,14 @@
 use nalgebra::{DMatrix, DVector, SMatrix, SVector, Vector2, Vector3};
 use rayon::prelude::*;
 
-use crate::backend::extrinsics::{apply_error, jacobians_by_extrinsics};
+use crate::backend::covariance::NewestCovariance;
+use crate::backend::extrinsics::{self, jacobians_by_extrinsics};
 use crate::backend::motion_factor;
 use crate::backend::observation::{
     BearingMeasurement, BearingObservation, Camera, CameraPose, transfer,
 };
 use crate::backend::state::{Error, POSE_DIM, STATE_DIM};
+use crate::backend::stereo;
 use crate::backend::window::{Landmark, Window};
 use crate::config::BackendConfig;
 
@@ -69,7 +71,7 @@ pub(crate) fn huber(huber_sigma: f64, squared_residual: f64) -> (f64, f64) {
 }
 
 /// Accumulator of information matrix and gradient: blocks of frames, followed by blocks of
-/// extrinsics.
+/// extrinsics and of stereo calibrations.
 pub(crate) trait NormalEquations {
     /// Adds a block of the information matrix, on or above the diagonal.
     fn add(&mut self, row: usize, column: usize, block: &PoseMatrix);
@@ -115,6 +117,8 @@ pub(super) struct Residual {
     pub(super) residual: Vector2<f64>,
     pub(super) by_x: SMatrix<f64, 2, 3>,
     by_rho: Vector2<f64>,
+    /// By the error of the stereo calibration; zero in the left image.
+    by_stereo: ByPose,
     weight: f64,
     cost: f64,
 }
@@ -141,6 +145,7 @@ pub(super) fn residuals(
             residual,
             by_x,
             by_rho,
+            by_stereo: ByPose::zeros(),
             weight: weight / (observation_sigma_px * observation_sigma_px),
             cost,
         }
@@ -149,6 +154,7 @@ pub(super) fn residuals(
         residual: Vector2::zeros(),
         by_x: SMatrix::zeros(),
         by_rho: Vector2::zeros(),
+        by_stereo: ByPose::zeros(),
         weight: 0.0,
         cost: huber(
             huber_sigma,
@@ -162,213 +168,205 @@ pub(super) fn residuals(
     });
     let right = observation.right.as_ref().map(|right| {
         let (rotation, origin) = &camera.right_from_left;
-        let Some((residual, by)) = right.residual(&(rotation * x + origin * rho)) else {
+        let point = rotation * x + origin * rho;
+        let Some((residual, by)) = right.residual(&point) else {
             return saturated(right);
         };
         let by_left = by * rotation;
-        weigh(residual, by_left, by_left * by_rho + by * origin)
+        Residual {
+            by_stereo: by * camera.stereo.jacobian(&point, origin, rho),
+            ..weigh(residual, by_left, by_left * by_rho + by * origin)
+        }
     });
     [left, right]
 }
 
-/// Terms of a landmark for the extrinsics of a camera.
-#[derive(Default)]
-struct ExtrinsicsTerms {
-    own: PoseMatrix,
-    gradient: PoseVector,
-    by_rho: PoseVector,
-    /// Coupling of the poses of host and target with the extrinsics, for one observation.
-    by_host: PoseMatrix,
-    by_target: PoseMatrix,
+/// Rows of both residuals of an observation: two of the left image, two of the right one.
+const ROWS: usize = 4;
+type ByBlock = SMatrix<f64, ROWS, POSE_DIM>;
+
+/// Maximum number of blocks that an observation depends on: poses of host and target, extrinsics of
+/// both cameras, stereo calibration of the target.
+const MAX_BLOCKS: usize = 5;
+
+/// Linearized residuals of one observation.
+struct ObservationTerms {
+    residual: SVector<f64, ROWS>,
+    weight: SVector<f64, ROWS>,
+    by_rho: SVector<f64, ROWS>,
+    by_x: SMatrix<f64, ROWS, 3>,
+    by_stereo: ByBlock,
+    cost: f64,
+    /// Blocks with their Jacobians, the first `count` of them.
+    blocks: [(usize, ByBlock); MAX_BLOCKS],
+    count: usize,
 }
 
-impl ExtrinsicsTerms {
-    fn add(&mut self, r: &Residual, j: &ByPose, j_host: &ByPose, j_target: &ByPose) {
-        let weighted = j * r.weight;
-        self.own += weighted.transpose() * j;
-        self.gradient += weighted.transpose() * r.residual;
-        self.by_rho += weighted.transpose() * r.by_rho;
-        self.by_host += j_host.transpose() * weighted;
-        self.by_target += j_target.transpose() * weighted;
+impl ObservationTerms {
+    fn new(found: [Option<Residual>; 2]) -> Self {
+        let mut terms = Self {
+            residual: SVector::zeros(),
+            weight: SVector::zeros(),
+            by_rho: SVector::zeros(),
+            by_x: SMatrix::zeros(),
+            by_stereo: ByBlock::zeros(),
+            cost: 0.0,
+            blocks: [(0, ByBlock::zeros()); MAX_BLOCKS],
+            count: 0,
+        };
+        for (row, found) in [0, 2].into_iter().zip(found) {
+            let Some(found) = found else { continue };
+            (terms.residual.fixed_rows_mut::<2>(row)).copy_from(&found.residual);
+            terms.weight.fixed_rows_mut::<2>(row).fill(found.weight);
+            (terms.by_rho.fixed_rows_mut::<2>(row)).copy_from(&found.by_rho);
+            (terms.by_x.fixed_rows_mut::<2>(row)).copy_from(&found.by_x);
+            (terms.by_stereo.fixed_rows_mut::<2>(row)).copy_from(&found.by_stereo);
+            terms.cost += found.cost;
+        }
+        terms
     }
 
-    /// Adds the coupling of the extrinsics with the poses of an observation; the blocks are those
-    /// of host, target and extrinsics.
-    fn flush_into(
-        &mut self,
-        sums: &mut impl NormalEquations,
-        [host, target, extrinsics]: [usize; 3],
-    ) {
-        sums.add(host, extrinsics, &self.by_host);
-        sums.add(target, extrinsics, &self.by_target);
-        self.by_host.fill(0.0);
-        self.by_target.fill(0.0);
+    /// Adds the Jacobian by a block.
+    fn push(&mut self, block: usize, by: ByBlock) {
+        let earlier = self.blocks[..self.count].iter_mut();
+        match earlier.into_iter().find(|(b, _)| *b == block) {
+            Some((_, sum)) => *sum += by,
+            None => {
+                self.blocks[self.count] = (block, by);
+                self.count += 1;
+            }
+        }
+    }
+
+    /// Adds its terms to the sums, and those of the inverse range to the landmark.
+    fn add_to(&self, sums: &mut impl NormalEquations, own: &mut LandmarkBlock) {
+        let weighted_rho = self.by_rho.component_mul(&self.weight);
+        own.information += weighted_rho.dot(&self.by_rho);
+        own.gradient += weighted_rho.dot(&self.residual);
+        let blocks = &self.blocks[..self.count];
+        for (k, (a, by_a)) in blocks.iter().enumerate() {
+            let mut weighted = *by_a;
+            for mut column in weighted.column_iter_mut() {
+                column.component_mul_assign(&self.weight);
+            }
+            let weighted = weighted.transpose();
+            sums.add_gradient(*a, &(weighted * self.residual));
+            own.add(*a, &(weighted * self.by_rho));
+            for (b, by_b) in &blocks[k..] {
+                let block = weighted * by_b;
+                // Only the upper triangle is stored.
+                if a <= b {
+                    sums.add(*a, *b, &block);
+                } else {
+                    sums.add(*b, *a, &block.transpose());
+                }
+            }
+        }
     }
 }
 
-/// Adds the terms of one landmark to the sums; blocks are in the order of the frames of the window.
+/// Host of a landmark: its frame in the window, camera and pose.
+struct Host<'a> {
+    frame: usize,
+    observation: &'a BearingObservation,
+    camera: &'a Camera,
+    pose: CameraPose,
+}
+
+/// Terms of an observation in a frame of the window; that of the host has a residual in its right
+/// image only.
+fn observation_terms(
+    window: &Window,
+    host: &Host<'_>,
+    rho: f64,
+    (frame, observation): (usize, &BearingObservation),
+    is_host: bool,
+) -> ObservationTerms {
+    let camera = &window.cameras[observation.camera];
+    let config = &window.config;
+    let ray = &host.observation.left.ray;
+    let mut terms = if is_host {
+        let zero = Vector3::zeros();
+        ObservationTerms::new(residuals(
+            camera,
+            observation,
+            ray,
+            &zero,
+            rho,
+            true,
+            config,
+        ))
+    } else {
+        let pose = CameraPose::new(&window.frames[frame].state, observation.exposure_offset_s);
+        let to = (camera, &pose);
+        let point = transfer(ray, rho, (host.camera, &host.pose), to);
+        let (x, by_rho) = (&point.x, &point.by_rho);
+        let found = residuals(camera, observation, x, by_rho, rho, false, config);
+        let mut terms = ObservationTerms::new(found);
+        // Jacobians of the point by the two poses.
+        let by_position = point.left_from_world * rho;
+        let host_rotation = -(point.left_from_world * host.pose.rotation)
+            * point.in_host.cross_matrix()
+            * host.pose.then_from_state;
+        let target_rotation = camera.body_from_left.0.transpose()
+            * point.in_target.cross_matrix()
+            * pose.then_from_state;
+        for (frame, by_position, by_rotation) in [
+            (host.frame, by_position, host_rotation),
+            (frame, -by_position, target_rotation),
+        ] {
+            let mut by = SMatrix::<f64, 3, POSE_DIM>::zeros();
+            by.fixed_columns_mut::<3>(0).copy_from(&by_position);
+            by.fixed_columns_mut::<3>(3).copy_from(&by_rotation);
+            terms.push(frame, terms.by_x * by);
+        }
+        if !window.extrinsics.is_empty() {
+            let now_from_then =
+                point.left_from_world * host.pose.rotation * host.camera.body_from_left.0;
+            let [own, other] = jacobians_by_extrinsics(ray, rho, &now_from_then, x);
+            terms.push(
+                window.extrinsics_block(host.observation.camera),
+                terms.by_x * own,
+            );
+            terms.push(
+                window.extrinsics_block(observation.camera),
+                terms.by_x * other,
+            );
+        }
+        terms
+    };
+    if window.estimates_stereo() && observation.right.is_some() {
+        terms.push(window.stereo_block(observation.camera), terms.by_stereo);
+    }
+    terms
+}
+
+/// Adds the terms of one landmark to the sums; blocks are in the order of [`Window::blocks`].
 fn add(window: &Window, landmark: &Landmark, sums: &mut impl NormalEquations) -> Part {
     let mut part = Part {
         own: LandmarkBlock::default(),
         cost: 0.0,
     };
-    let (host_number, host) = &landmark.observations[0];
-    let Some(host_frame) = window.position(*host_number) else {
+    let (host_number, observation) = &landmark.observations[0];
+    let Some(frame) = window.position(*host_number) else {
         return part;
     };
-    let host_camera = &window.cameras[host.camera];
-    let host_pose = CameraPose::new(&window.frames[host_frame].state, host.exposure_offset_s);
-    let mut by_host = PoseVector::zeros();
-    let mut extrinsics = ExtrinsicsTerms::default();
+    let host = Host {
+        frame,
+        observation,
+        camera: &window.cameras[observation.camera],
+        pose: CameraPose::new(&window.frames[frame].state, observation.exposure_offset_s),
+    };
     for (k, (number, observation)) in landmark.observations.iter().enumerate() {
-        let camera = &window.cameras[observation.camera];
-        if k == 0 {
-            let rays = residuals(
-                camera,
-                observation,
-                &host.left.ray,
-                &Vector3::zeros(),
-                landmark.rho,
-                true,
-                &window.config,
-            );
-            for r in rays.into_iter().flatten() {
-                part.cost += r.cost;
-                part.own.information += r.weight * r.by_rho.norm_squared();
-                part.own.gradient += r.weight * r.by_rho.dot(&r.residual);
-            }
-            continue;
-        }
         let Some(frame) = window.position(*number) else {
             continue;
         };
-        let camera_pose =
-            CameraPose::new(&window.frames[frame].state, observation.exposure_offset_s);
-        let transferred = transfer(
-            &host.left.ray,
-            landmark.rho,
-            (host_camera, &host_pose),
-            (camera, &camera_pose),
-        );
-        let same = frame == host_frame;
-        // Jacobians of the point by the two poses.
-        let to_left = &transferred.left_from_world;
-        let by_position = to_left * landmark.rho;
-        let host_rotation = -(to_left * host_pose.rotation)
-            * transferred.in_host.cross_matrix()
-            * host_pose.then_from_state;
-        let left_from_body = camera.body_from_left.0.transpose();
-        let target_rotation =
-            left_from_body * transferred.in_target.cross_matrix() * camera_pose.then_from_state;
-        let mut by_target = PoseVector::zeros();
-        let mut h_target = PoseMatrix::zeros();
-        let mut h_host = PoseMatrix::zeros();
-        let mut h_between = PoseMatrix::zeros();
-        let (mut g_target, mut g_host) = (PoseVector::zeros(), PoseVector::zeros());
-        let found = residuals(
-            camera,
-            observation,
-            &transferred.x,
-            &transferred.by_rho,
-            landmark.rho,
-            false,
-            &window.config,
-        );
-        let by_cameras = (!window.extrinsics.is_empty()).then(|| {
-            let now_from_then =
-                transferred.left_from_world * host_pose.rotation * host_camera.body_from_left.0;
-            jacobians_by_extrinsics(&host.left.ray, landmark.rho, &now_from_then, &transferred.x)
-        });
-        // Extrinsics of the other camera, and their coupling with those of the host camera.
-        let is_across = observation.camera != host.camera;
-        let mut other = ExtrinsicsTerms::default();
-        let mut extrinsics_cross = PoseMatrix::zeros();
-        for r in found.into_iter().flatten() {
-            part.cost += r.cost;
-            part.own.information += r.weight * r.by_rho.norm_squared();
-            part.own.gradient += r.weight * r.by_rho.dot(&r.residual);
-            let mut j_host = ByPose::zeros();
-            let by_point = r.by_x * by_position;
-            j_host.fixed_columns_mut::<3>(0).copy_from(&by_point);
-            j_host
-                .fixed_columns_mut::<3>(3)
-                .copy_from(&(r.by_x * host_rotation));
-            let mut j_target = ByPose::zeros();
-            j_target.fixed_columns_mut::<3>(0).copy_from(&-by_point);
-            j_target
-                .fixed_columns_mut::<3>(3)
-                .copy_from(&(r.by_x * target_rotation));
-            match &by_cameras {
-                Some([by_own, by_other]) if is_across => {
-                    let (own, across) = (r.by_x * by_own, r.by_x * by_other);
-                    extrinsics.add(&r, &own, &j_host, &j_target);
-                    other.add(&r, &across, &j_host, &j_target);
-                    extrinsics_cross += own.transpose() * across * r.weight;
-                }
-                Some([by_own, by_other]) => {
-                    extrinsics.add(&r, &(r.by_x * (by_own + by_other)), &j_host, &j_target);
-                }
-                None => {}
-            }
-            if same {
-                // Another camera in the frame of the host: both poses are the same.
-                j_host += j_target;
-                let weighted = j_host.transpose() * r.weight;
-                h_host += weighted * j_host;
-                g_host += weighted * r.residual;
-                by_host += weighted * r.by_rho;
-                continue;
-            }
-            let host_weighted = j_host.transpose() * r.weight;
-            let target_weighted = j_target.transpose() * r.weight;
-            h_host += host_weighted * j_host;
-            h_target += target_weighted * j_target;
-            h_between += host_weighted * j_target;
-            g_host += host_weighted * r.residual;
-            g_target += target_weighted * r.residual;
-            by_host += host_weighted * r.by_rho;
-            by_target += target_weighted * r.by_rho;
-        }
-        let (h, t) = (host_frame, frame);
-        if by_cameras.is_some() {
-            let block = window.frames.len() + host.camera;
-            extrinsics.flush_into(sums, [h, t, block]);
-            if is_across {
-                let beside = window.frames.len() + observation.camera;
-                other.flush_into(sums, [h, t, beside]);
-                sums.add(beside, beside, &other.own);
-                sums.add_gradient(beside, &other.gradient);
-                part.own.add(beside, &other.by_rho);
-                if block < beside {
-                    sums.add(block, beside, &extrinsics_cross);
-                } else {
-                    let between = extrinsics_cross.transpose();
-                    sums.add(beside, block, &between);
-                }
-            }
-        }
-        sums.add(h, h, &h_host);
-        sums.add_gradient(h, &g_host);
-        if !same {
-            sums.add(t, t, &h_target);
-            // Only the upper triangle is stored.
-            if h < t {
-                sums.add(h, t, &h_between);
-            } else {
-                sums.add(t, h, &h_between.transpose());
-            }
-            sums.add_gradient(t, &g_target);
-            part.own.add(frame, &by_target);
-        }
+        let target = (frame, observation);
+        let terms = observation_terms(window, &host, landmark.rho, target, k == 0);
+        part.cost += terms.cost;
+        terms.add_to(sums, &mut part.own);
     }
-    part.own.add(host_frame, &by_host);
-    if !window.extrinsics.is_empty() {
-        let block = window.frames.len() + host.camera;
-        sums.add(block, block, &extrinsics.own);
-        sums.add_gradient(block, &extrinsics.gradient);
-        part.own.add(block, &extrinsics.by_rho);
-    }
-    part.own.by.sort_by_key(|(frame, _)| *frame);
+    part.own.by.sort_by_key(|(block, _)| *block);
     part
 }
 
@@ -413,54 +411,54 @@ pub(crate) fn linearize(
     keep: impl Fn(usize) -> bool,
     damping: f64,
 ) -> LinearSystem {
-    let size = window.frames.len() * STATE_DIM;
+    let blocks = window.blocks();
+    let size = window.row_of(blocks);
     let mut information = DMatrix::zeros(size, size);
     let mut gradient = DVector::zeros(size);
     let mut cost = 0.0;
     let mut landmark_blocks = Vec::with_capacity(landmarks.len());
-    let poses = window.frames.len() * POSE_DIM;
     let empty = || Dense {
-        information: DMatrix::zeros(poses, poses),
-        gradient: DVector::zeros(poses),
+        information: DMatrix::zeros(blocks * POSE_DIM, blocks * POSE_DIM),
+        gradient: DVector::zeros(blocks * POSE_DIM),
     };
     let pieces: Vec<Accumulated<Dense>> = landmarks
         .par_chunks(LANDMARKS_PER_PIECE)
         .map(|landmarks| accumulate(window, landmarks, damping, empty()))
         .collect();
     for accumulate in pieces {
-        for a in 0..window.frames.len() {
-            for b in a..window.frames.len() {
+        for a in 0..blocks {
+            let row = window.row_of(a);
+            for b in a..blocks {
                 let block = (accumulate.sums.information)
                     .fixed_view::<POSE_DIM, POSE_DIM>(a * POSE_DIM, b * POSE_DIM);
                 let mut view =
-                    information.fixed_view_mut::<POSE_DIM, POSE_DIM>(a * STATE_DIM, b * STATE_DIM);
+                    information.fixed_view_mut::<POSE_DIM, POSE_DIM>(row, window.row_of(b));
                 view += block;
             }
             let rows = accumulate
                 .sums
                 .gradient
                 .fixed_rows::<POSE_DIM>(a * POSE_DIM);
-            let mut view = gradient.fixed_rows_mut::<POSE_DIM>(a * STATE_DIM);
+            let mut view = gradient.fixed_rows_mut::<POSE_DIM>(row);
             view += rows;
         }
         cost += accumulate.cost;
         landmark_blocks.extend(accumulate.landmark_blocks);
     }
-    for a in 0..window.frames.len() {
+    for a in 0..blocks {
+        let row = window.row_of(a);
         let block = information
-            .fixed_view::<POSE_DIM, POSE_DIM>(a * STATE_DIM, a * STATE_DIM)
+            .fixed_view::<POSE_DIM, POSE_DIM>(row, row)
             .into_owned();
-        // Diagonal blocks of pieces are complete where they were added directly, and upper
-        // triangular where landmarks were eliminated; both are symmetric by construction.
-        let mut view =
-            information.fixed_view_mut::<POSE_DIM, POSE_DIM>(a * STATE_DIM, a * STATE_DIM);
+        // Rounding only: diagonal blocks are symmetric by construction.
+        let mut view = information.fixed_view_mut::<POSE_DIM, POSE_DIM>(row, row);
         view.copy_from(&((block + block.transpose()) * 0.5));
-        for b in a + 1..window.frames.len() {
+        for b in a + 1..blocks {
+            let column = window.row_of(b);
             let block = information
-                .fixed_view::<POSE_DIM, POSE_DIM>(a * STATE_DIM, b * STATE_DIM)
+                .fixed_view::<POSE_DIM, POSE_DIM>(row, column)
                 .transpose();
-            let mut view =
-                information.fixed_view_mut::<POSE_DIM, POSE_DIM>(b * STATE_DIM, a * STATE_DIM);
+            let mut view = information.fixed_view_mut::<POSE_DIM, POSE_DIM>(column, row);
             view.copy_from(&block);
         }
     }
@@ -486,16 +484,23 @@ pub(crate) fn linearize(
     }
 }
 
-/// Errors of the frames of the prior relative to its linearization point.
+/// Errors of the prior relative to its linearization point.
 pub(crate) fn prior_error(window: &Window) -> DVector<f64> {
-    let mut error = DVector::zeros(window.prior.at.len() * STATE_DIM);
-    for (k, (number, at)) in window.prior.at.iter().enumerate() {
+    let prior = &window.prior;
+    let mut error = DVector::zeros(prior.gradient.len());
+    for (k, (number, at)) in prior.at.iter().enumerate() {
         if let Some(frame) = window.position(*number) {
             let residual: Error = window.frames[frame].state.minus(at);
             error
                 .fixed_rows_mut::<STATE_DIM>(k * STATE_DIM)
                 .copy_from(&residual);
         }
+    }
+    let frames = prior.at.len() * STATE_DIM;
+    for (k, (at, camera)) in prior.stereo.iter().zip(&window.cameras).enumerate() {
+        error
+            .fixed_rows_mut::<POSE_DIM>(frames + k * POSE_DIM)
+            .copy_from(&(camera.stereo.error - at));
     }
     error
 }
@@ -509,18 +514,13 @@ fn add_prior(window: &Window, information: &mut DMatrix<f64>, gradient: &mut DVe
     let prior = &window.prior;
     let error = prior_error(window);
     let moved = &prior.information * &error + &prior.gradient;
-    let places: Vec<Option<usize>> = prior.at.iter().map(|(n, _)| window.position(*n)).collect();
-    for (a, frame_a) in places.iter().enumerate() {
-        let Some(frame_a) = frame_a else { continue };
-        let mut rows = gradient.fixed_rows_mut::<STATE_DIM>(frame_a * STATE_DIM);
-        rows += moved.fixed_rows::<STATE_DIM>(a * STATE_DIM);
-        for (b, frame_b) in places.iter().enumerate() {
-            let Some(frame_b) = frame_b else { continue };
-            let block = prior
-                .information
-                .fixed_view::<STATE_DIM, STATE_DIM>(a * STATE_DIM, b * STATE_DIM);
-            let mut view = information
-                .fixed_view_mut::<STATE_DIM, STATE_DIM>(frame_a * STATE_DIM, frame_b * STATE_DIM);
+    let segments = window.prior_segments();
+    for a in &segments {
+        let mut rows = gradient.rows_mut(a.row, a.count);
+        rows += moved.rows(a.at, a.count);
+        for b in &segments {
+            let block = prior.information.view((a.at, b.at), (a.count, b.count));
+            let mut view = information.view_mut((a.row, b.row), (a.count, b.count));
             view += block;
         }
     }
@@ -598,11 +598,11 @@ pub(crate) struct Solved {
 }
 
 /// Optimizes a window in at most `rounds` iterations. Also returns the covariance of the error of
-/// the newest state, if it exists.
+/// the newest state and the stereo calibrations, if it exists.
 pub(crate) fn optimize_window(
     window: &mut Window,
     rounds: usize,
-) -> (Solved, Option<SMatrix<f64, STATE_DIM, STATE_DIM>>) {
+) -> (Solved, Option<NewestCovariance>) {
     let mut solved = Solved {
         rounds: 0,
         cost: [0.0; 2],
@@ -655,29 +655,24 @@ pub(crate) fn optimize_window(
         for k in 0..information.nrows() {
             information[(k, k)] *= 1.0 + 1e-12;
         }
-        information.cholesky().map(|c| c.inverse_corner())
+        let corner = STATE_DIM + window.prior.stereo.len() * POSE_DIM;
+        let cholesky = information.cholesky()?;
+        Some(NewestCovariance {
+            joint: inverse_corner(&cholesky, corner),
+        })
     });
     (solved, covariance)
 }
 
-/// Lower right block of an inverse.
-trait Corner {
-    fn inverse_corner(&self) -> SMatrix<f64, STATE_DIM, STATE_DIM>;
-}
-
-impl Corner for nalgebra::Cholesky<f64, nalgebra::Dyn> {
-    fn inverse_corner(&self) -> SMatrix<f64, STATE_DIM, STATE_DIM> {
-        // With `A = L Lᵀ` the lower right block of the inverse depends on that of `L` only.
-        let l = self.l_dirty();
-        let at = l.nrows() - STATE_DIM;
-        let corner = SMatrix::<f64, STATE_DIM, STATE_DIM>::from_fn(|i, j| {
-            if i >= j { l[(at + i, at + j)] } else { 0.0 }
-        });
-        let inverse = corner
-            .solve_lower_triangular(&SMatrix::<f64, STATE_DIM, STATE_DIM>::identity())
-            .expect("the diagonal of a Cholesky factor is not zero");
-        inverse.transpose() * inverse
-    }
+/// Lower right block of the inverse of a decomposed matrix.
+fn inverse_corner(cholesky: &nalgebra::Cholesky<f64, nalgebra::Dyn>, size: usize) -> DMatrix<f64> {
+    // With `A = L Lᵀ` the lower right block of the inverse depends on that of `L` only.
+    let l = cholesky.l_dirty();
+    let at = l.nrows() - size;
+    let inverse = (l.view((at, at), (size, size)))
+        .solve_lower_triangular(&DMatrix::identity(size, size))
+        .expect("the diagonal of a Cholesky factor is not zero");
+    inverse.transpose() * inverse
 }
 
 /// Applies a step to the states, and to the landmarks by back substitution.
@@ -691,11 +686,13 @@ pub(crate) fn apply<'a>(
         let error: Error = step.fixed_rows::<STATE_DIM>(*row).into_owned();
         frame.state = frame.state.plus(&error);
     }
-    if !window.extrinsics.is_empty() {
-        let rows = &rows[window.frames.len()..];
-        for (camera, row) in window.cameras.iter_mut().zip(rows) {
-            apply_error(camera, &step.fixed_rows::<POSE_DIM>(*row).into_owned());
-        }
+    let calibrations = &rows[window.frames.len()..];
+    let (extrinsics, stereo) = calibrations.split_at(window.extrinsics.len());
+    for (camera, row) in window.cameras.iter_mut().zip(extrinsics) {
+        extrinsics::apply_error(camera, &step.fixed_rows::<POSE_DIM>(*row).into_owned());
+    }
+    for (camera, row) in window.cameras.iter_mut().zip(stereo) {
+        stereo::apply_error(camera, &step.fixed_rows::<POSE_DIM>(*row).into_owned());
     }
     for (landmark, own) in window.landmarks.values_mut().zip(landmark_blocks) {
         if own.information <= 0.0 {

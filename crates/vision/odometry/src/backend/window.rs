@@ -6,8 +6,9 @@
 
 use std::collections::BTreeMap;
 
-use nalgebra::{DMatrix, DVector, SMatrix};
+use nalgebra::{DMatrix, DVector, Vector6};
 
+use crate::backend::covariance::NewestCovariance;
 use crate::backend::extrinsics::ExtrinsicsPrior;
 use crate::backend::observation::{BearingObservation, Camera};
 use crate::backend::state::{POSE_DIM, STATE_DIM, State};
@@ -48,6 +49,9 @@ pub(crate) struct Landmark {
 pub(crate) struct Prior {
     /// Frames by number, ascending, with their states at the linearization point.
     pub(crate) at: Vec<(u64, State)>,
+    /// Errors of the stereo calibrations at the linearization point, one per camera if they are
+    /// estimated; else empty. Their rows follow those of the frames.
+    pub(crate) stereo: Vec<Vector6<f64>>,
     pub(crate) information: DMatrix<f64>,
     /// Gradient at the linearization point.
     pub(crate) gradient: DVector<f64>,
@@ -71,20 +75,45 @@ impl Prior {
         let diagonal = DVector::from_iterator(STATE_DIM, sigmas.iter().map(|s| 1.0 / (s * s)));
         Self {
             at: vec![(number, state)],
+            stereo: Vec::new(),
             information: DMatrix::from_diagonal(&diagonal),
             gradient: DVector::zeros(STATE_DIM),
         }
     }
 
-    /// Covariance of its first frame, if it has only one; wide if it has none.
-    pub(crate) fn covariance(&self) -> SMatrix<f64, STATE_DIM, STATE_DIM> {
-        let inverse = self.information.clone().try_inverse();
-        inverse.map_or(SMatrix::identity(), |inverse| {
-            inverse
-                .fixed_view::<STATE_DIM, STATE_DIM>(0, 0)
-                .into_owned()
-        })
+    /// The prior with stereo calibrations of these cameras as estimated parameters, with this joint
+    /// information at their current errors.
+    pub(crate) fn with_stereo(mut self, cameras: &[Camera], information: &DMatrix<f64>) -> Self {
+        let (frames, more) = (self.gradient.len(), information.nrows());
+        self.stereo = cameras.iter().map(|camera| camera.stereo.error).collect();
+        self.gradient = self.gradient.resize_vertically(frames + more, 0.0);
+        self.information = (self.information).resize(frames + more, frames + more, 0.0);
+        let mut view = self.information.view_mut((frames, frames), (more, more));
+        view.copy_from(information);
+        self
     }
+
+    /// Covariance of its frame and the stereo calibrations; of a prior of a single frame.
+    pub(crate) fn covariance(&self) -> NewestCovariance {
+        let size = self.information.nrows();
+        let inverse = self.information.clone().try_inverse();
+        NewestCovariance {
+            joint: inverse.unwrap_or_else(|| DMatrix::identity(size, size)),
+        }
+    }
+}
+
+/// Rows of the prior that belong to one frame or to one stereo calibration.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct PriorSegment {
+    /// First row in the prior.
+    pub(crate) at: usize,
+    /// Block of the window.
+    pub(crate) block: usize,
+    /// First row of that block.
+    pub(crate) row: usize,
+    /// Number of rows.
+    pub(crate) count: usize,
 }
 
 impl Landmark {
@@ -114,15 +143,55 @@ impl Window {
     }
 
     /// Number of parameter blocks that observations depend on: poses of frames, followed by
-    /// extrinsics of cameras.
+    /// extrinsics of cameras and by stereo calibrations of cameras.
     pub(crate) fn blocks(&self) -> usize {
-        self.frames.len() + self.extrinsics.len()
+        self.frames.len() + self.extrinsics.len() + self.prior.stereo.len()
+    }
+
+    /// Block of the extrinsics of a camera.
+    pub(crate) fn extrinsics_block(&self, camera: usize) -> usize {
+        self.frames.len() + camera
+    }
+
+    /// Whether stereo calibrations are estimated.
+    pub(crate) fn estimates_stereo(&self) -> bool {
+        !self.prior.stereo.is_empty()
+    }
+
+    /// Block of the stereo calibration of a camera.
+    pub(crate) fn stereo_block(&self, camera: usize) -> usize {
+        self.frames.len() + self.extrinsics.len() + camera
     }
 
     /// Offset of a block in a step of the whole window, in which frames have full states.
     pub(crate) fn row_of(&self, block: usize) -> usize {
         let frames = self.frames.len();
         block.min(frames) * STATE_DIM + block.saturating_sub(frames) * POSE_DIM
+    }
+
+    /// Rows of the prior and their places in the window; frames that have left it are omitted.
+    pub(crate) fn prior_segments(&self) -> Vec<PriorSegment> {
+        let frames = self.prior.at.iter().enumerate().map(|(k, (number, _))| {
+            let block = self.position(*number);
+            (k * STATE_DIM, block, STATE_DIM)
+        });
+        let stereo_at = self.prior.at.len() * STATE_DIM;
+        let stereo = (0..self.prior.stereo.len()).map(|camera| {
+            let block = Some(self.stereo_block(camera));
+            (stereo_at + camera * POSE_DIM, block, POSE_DIM)
+        });
+        (frames.chain(stereo))
+            .filter_map(|(at, block, count)| {
+                let block = block?;
+                let row = self.row_of(block);
+                Some(PriorSegment {
+                    at,
+                    block,
+                    row,
+                    count,
+                })
+            })
+            .collect()
     }
 
     /// Newest frame.

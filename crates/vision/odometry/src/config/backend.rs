@@ -32,6 +32,8 @@ config! {
         pub covariance: CovarianceConfig = CovarianceConfig::default(),
         /// Priors of camera extrinsics.
         pub extrinsics: ExtrinsicsConfig = ExtrinsicsConfig::default(),
+        /// Priors of stereo calibrations.
+        pub stereo: StereoCalibrationConfig = StereoCalibrationConfig::default(),
     }
 
     /// Estimation of the newest pose with the landmarks fixed: Tukey's loss with a scale that
@@ -85,5 +87,20 @@ config! {
         /// IMU have errors too, and estimates from a walk with correct extrinsics deviate by up to
         /// a tenth of a degree.
         pub sigma_floor: [f64; 2] = [3e-4, 1.2e-3],
+    }
+
+    /// Prior of the stereo calibration of a camera: sigmas of the error of the right eye against
+    /// the left one, where the calibration gives none. Source: `cargo xtask bench
+    /// odometry_calibration`.
+    pub struct StereoCalibrationConfig {
+        /// Rotation about each axis, rad. Published calibrations of rectified sets deviate by 0.1
+        /// degrees.
+        pub rotation_sigma_rad: f64 = 2e-3,
+        /// Baseline, relative. Only an IMU determines it.
+        pub baseline_sigma: f64 = 0.01,
+        /// Focal length, relative.
+        pub focal_sigma: f64 = 3e-3,
+        /// Principal point along the baseline, in focal lengths.
+        pub principal_point_sigma: f64 = 1.5e-3,
     }
 }

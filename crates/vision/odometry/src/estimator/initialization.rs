@@ -133,10 +133,8 @@ impl Odometry {
         self.newest_is_keyframe = true;
         self.last = Some(state);
         self.keyframe_covariance = window.prior.covariance();
-        let covariance = self
-            .keyframe_covariance
-            .fixed_view::<6, 6>(0, 0)
-            .into_owned();
+        let covariance =
+            (self.keyframe_covariance).pose(&self.config.backend.covariance, &self.stereo_prior);
         let inliers = window.landmarks.len();
         let estimate = self.estimate(
             &window,
@@ -157,6 +155,7 @@ impl Odometry {
             up * up.transpose() * (1e8 - 1.0 / (sigmas[ROTATION] * sigmas[ROTATION])).max(0.0);
         let mut view = prior.information.fixed_view_mut::<3, 3>(ROTATION, ROTATION);
         view += pinned;
+        let prior = prior.with_stereo(&self.cameras, &self.stereo_information);
         Window {
             cameras: self.cameras.clone(),
             extrinsics: Vec::new(),

@@ -87,6 +87,9 @@ impl Odometry {
             number: self.number,
             state: (&window.newest().state).into(),
             imu_valid: imu_valid(window.newest()),
+            stereo_errors: (window.cameras.iter())
+                .map(|camera| camera.stereo.error.into())
+                .collect(),
             exposure_offset_s: exposure_offset_s.to_vec(),
             observations: Vec::new(),
             keypoints: Vec::new(),

@@ -24,7 +24,7 @@ impl Odometry {
         let config = &self.config.estimator;
         let last = window.frames.len() - 1;
         let guess = window.frames[last].clone();
-        let information = refine_newest(window, &self.keyframe_covariance, rounds);
+        let information = refine_newest(window, &self.keyframe_covariance.state(), rounds);
         let (inliers, all) = count_inliers(window);
         let has_gravity = guess.motion.as_ref().is_some_and(|m| m.has_gravity);
         if !has_gravity
@@ -48,7 +48,7 @@ impl Odometry {
             }),
             ..guess
         };
-        let without_imu = refine_newest(window, &self.keyframe_covariance, rounds);
+        let without_imu = refine_newest(window, &self.keyframe_covariance.state(), rounds);
         let (now, _) = count_inliers(window);
         if (now as f64) >= config.vision_only_inlier_ratio * all as f64 && now > 2 * inliers {
             return without_imu;

@@ -133,6 +133,9 @@ impl Odometry {
         if let Some(keyframe) = self.pending.get_mut(&self.number) {
             keyframe.state = (&state).into();
         }
+        if let Some(information) = self.keyframe_covariance.stereo().try_inverse() {
+            self.stereo_information = information;
+        }
         // All landmarks are hosted by the newest frame.
         let landmarks = std::mem::take(&mut window.landmarks);
         *window = Window {

@@ -10,10 +10,11 @@ use faer::linalg::solvers::Solve as _;
 use faer::sparse::linalg::solvers::{Llt, SymbolicLlt};
 use faer::sparse::{SparseColMat, Triplet};
 use faer::{Mat, Side};
-use nalgebra::{DVector, Matrix6, SMatrix};
+use nalgebra::{DMatrix, DVector, Matrix6, SMatrix};
 use rayon::prelude::*;
 
 use super::loop_closure::Closure;
+use crate::backend::covariance::{PoseCovariance, inflate_stereo};
 use crate::backend::motion_factor;
 use crate::backend::solver::{
     Accumulated, LandmarkBlock, NormalEquations, PoseMatrix, PoseVector, accumulate, apply,
@@ -21,7 +22,7 @@ use crate::backend::solver::{
 };
 use crate::backend::state::{POSE_DIM, STATE_DIM};
 use crate::backend::window::{Landmark, Window};
-use crate::config::MappingConfig;
+use crate::config::{Config, MappingConfig};
 
 /// Number of landmarks per piece, and number of pieces that are accumulated in parallel, which
 /// bounds their memory.
@@ -125,13 +126,19 @@ fn linearize(window: &Window, loops: &[Closure], damping: f64) -> LinearSystem {
     }
     let error = prior_error(window);
     linear.cost += prior_cost(window, &error);
-    *linear.blocks.entry((0, 0)).or_insert_with(Square::zeros) += window
-        .prior
-        .information
-        .fixed_view::<STATE_DIM, STATE_DIM>(0, 0);
     let gradient = &window.prior.information * error + &window.prior.gradient;
-    let mut rows = linear.gradient.rows_mut(0, STATE_DIM);
-    rows += gradient;
+    let segments = window.prior_segments();
+    for (k, a) in segments.iter().enumerate() {
+        let mut rows = linear.gradient.rows_mut(a.row, a.count);
+        rows += gradient.rows(a.at, a.count);
+        for b in &segments[k..] {
+            let part = (window.prior.information).view((a.at, b.at), (a.count, b.count));
+            let entry = linear.blocks.entry((a.block, b.block));
+            let entry = entry.or_insert_with(Square::zeros);
+            let mut view = entry.view_mut((0, 0), (a.count, b.count));
+            view += part;
+        }
+    }
     for (k, (prior, camera)) in window.extrinsics.iter().zip(&window.cameras).enumerate() {
         let block = window.frames.len() + k;
         let error = prior.error(camera);
@@ -335,37 +342,63 @@ pub(super) fn filter_landmarks(config: &MappingConfig, window: &mut Window) {
 /// Covariances of the solution.
 pub(super) struct Covariances {
     /// Of poses (position in the world, rotation in the body), one per keyframe.
-    pub(super) poses: Vec<Matrix6<f64>>,
+    pub(super) poses: Vec<PoseCovariance>,
     /// Of extrinsics, one for each estimated camera.
     pub(super) extrinsics: Vec<Matrix6<f64>>,
+    /// Of the stereo calibrations, jointly, with the information of the observations reduced.
+    pub(super) stereo: DMatrix<f64>,
 }
 
 /// Computes the covariances of the solution, those of at most about `max_count` poses exactly.
-pub(super) fn covariances(max_count: usize, window: &Window, loops: &[Closure]) -> Covariances {
+pub(super) fn covariances(config: &Config, window: &Window, loops: &[Closure]) -> Covariances {
     let count = window.frames.len();
     let size = window.row_of(window.blocks());
     let linear = linearize(window, loops, 0.0);
+    let first_stereo = window.row_of(window.stereo_block(0));
+    let stereo_rows = size - first_stereo;
     let Some(factor) = factor(&linear, 1e-9, window) else {
         // The covariance is not determined, and is set very large.
         let unknown = Matrix6::identity() * 1e6;
         return Covariances {
-            poses: vec![unknown; count],
+            poses: vec![PoseCovariance::given(unknown); count],
             extrinsics: vec![unknown; window.extrinsics.len()],
+            stereo: DMatrix::identity(stereo_rows, stereo_rows) * 1e6,
         };
     };
-    let of = |block: usize| {
-        let at = window.row_of(block);
-        let right = Mat::from_fn(size, POSE_DIM, |i, j| f64::from(u8::from(i == at + j)));
-        let solved = factor.solve(&right);
+    // Columns of the inverse.
+    let columns = |at: usize, number: usize| {
+        let right = Mat::from_fn(size, number, |i, j| f64::from(u8::from(i == at + j)));
+        factor.solve(&right)
+    };
+    let symmetric = |solved: &Mat<f64>, at: usize| {
         let block = Matrix6::from_fn(|i, j| solved[(at + i, j)]);
         (block + block.transpose()) * 0.5
     };
-    let step = count.div_ceil(max_count).max(1);
+    let of = |block: usize| {
+        let at = window.row_of(block);
+        symmetric(&columns(at, POSE_DIM), at)
+    };
+    let stereo = columns(first_stereo, stereo_rows);
+    let stereo = DMatrix::from_fn(stereo_rows, stereo_rows, |i, j| {
+        0.5 * (stereo[(first_stereo + i, j)] + stereo[(first_stereo + j, i)])
+    });
+    let frames = window.prior.at.len() * STATE_DIM;
+    let prior = (window.prior.information)
+        .view((frames, frames), (stereo_rows, stereo_rows))
+        .into_owned();
+    let inflation = &config.backend.covariance;
+    let pose_of = |block: usize| {
+        let at = window.row_of(block);
+        let solved = columns(at, POSE_DIM);
+        let cross = DMatrix::from_fn(POSE_DIM, stereo_rows, |i, j| solved[(first_stereo + j, i)]);
+        PoseCovariance::split(inflation, &prior, &symmetric(&solved, at), &cross, &stereo)
+    };
+    let step = count.div_ceil(config.mapping.max_covariances).max(1);
     let mut entries: Vec<usize> = (0..count).step_by(step).collect();
     if entries.last() != Some(&(count - 1)) {
         entries.push(count - 1);
     }
-    let found: Vec<Matrix6<f64>> = entries.par_iter().map(|entry| of(*entry)).collect();
+    let found: Vec<PoseCovariance> = entries.par_iter().map(|entry| pose_of(*entry)).collect();
     let mut out = Vec::with_capacity(count);
     for k in 0..count {
         let next = entries.partition_point(|p| *p < k);
@@ -375,10 +408,15 @@ pub(super) fn covariances(max_count: usize, window: &Window, loops: &[Closure]) 
         }
         let (a, b) = (entries[next - 1], entries[next]);
         let share = (k - a) as f64 / (b - a) as f64;
-        out.push(found[next - 1] * (1.0 - share) + found[next] * share);
+        let [before, after] = [&found[next - 1], &found[next]];
+        out.push(PoseCovariance {
+            given_stereo: before.given_stereo * (1.0 - share) + after.given_stereo * share,
+            by_stereo: before.by_stereo * (1.0 - share) + after.by_stereo * share,
+        });
     }
     Covariances {
         poses: out,
-        extrinsics: (count..window.blocks()).map(of).collect(),
+        extrinsics: (count..count + window.extrinsics.len()).map(of).collect(),
+        stereo: inflate_stereo(inflation, &prior, &stereo),
     }
 }

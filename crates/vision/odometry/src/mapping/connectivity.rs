@@ -135,6 +135,7 @@ mod tests {
             is_converged: true,
             landmarks: 0,
             extrinsics: Vec::new(),
+            stereo: Vec::new(),
         };
         assert_eq!(
             adjusted.connectivity(&causal),

@@ -76,8 +76,9 @@ fn write(to: &mut impl Write, keyframe: &Keyframe) -> std::io::Result<()> {
     ] {
         to.write_all(&(count as u32).to_le_bytes())?;
     }
-    for offset_s in &keyframe.exposure_offset_s {
-        to.write_all(&offset_s.to_le_bytes())?;
+    let errors = keyframe.stereo_errors.as_flattened();
+    for number in keyframe.exposure_offset_s.iter().chain(errors) {
+        to.write_all(&number.to_le_bytes())?;
     }
     for observation in &keyframe.observations {
         to.write_all(&observation.id.to_le_bytes())?;
@@ -130,6 +131,15 @@ fn read(from: &mut impl Read) -> std::io::Result<Keyframe> {
     let exposure_offset_s = (0..counts[0])
         .map(|_| Ok(f64::from_le_bytes(bytes(from)?)))
         .collect::<std::io::Result<_>>()?;
+    let stereo_errors = (0..counts[0])
+        .map(|_| {
+            let mut error = [0.0; 6];
+            for number in &mut error {
+                *number = f64::from_le_bytes(bytes(from)?);
+            }
+            Ok(error)
+        })
+        .collect::<std::io::Result<_>>()?;
     let observations = (0..counts[1])
         .map(|_| {
             let id = u64::from_le_bytes(bytes(from)?);
@@ -166,6 +176,7 @@ fn read(from: &mut impl Read) -> std::io::Result<Keyframe> {
         state,
         imu_valid: imu_valid == 1,
         exposure_offset_s,
+        stereo_errors,
         observations,
         keypoints,
     })

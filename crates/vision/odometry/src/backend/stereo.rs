@@ -1,0 +1,161 @@
+//! Stereo calibration of a camera as estimated parameters, with their prior.
+//!
+//! The error of the right eye against the left one has six components: `[rotation of the right
+//! eye about its x, y and z axes, rad; baseline, relative; focal length, relative; principal point
+//! along x, in focal lengths]`. A vertical offset of the principal point acts as a rotation about
+//! x, and a direction of the baseline as a rotation of the eye, to a hundredth of a pixel for
+//! points beyond a metre.
+//!
+//! A walk determines the error: stereo measures an inverse range, parallax over time its ratio to
+//! those of other points. A rotation about y adds a constant to all inverse ranges, which near and
+//! distant points contradict differently; only the baseline acts on all alike, and needs an IMU.
+
+use nalgebra::{DMatrix, DVector, Matrix3, SMatrix, Vector3, Vector6};
+
+use crate::backend::observation::Camera;
+use crate::backend::state::POSE_DIM;
+use crate::config::StereoCalibrationConfig;
+use cad_transforms::so3;
+
+/// Components of the error.
+const FOCAL: usize = 4;
+const BASELINE: usize = 3;
+const PRINCIPAL_POINT: usize = 5;
+
+/// Stereo geometry: nominal extrinsics of the right eye, and their error.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct StereoGeometry {
+    /// Nominal rotation and translation: right optical frame from left optical frame.
+    nominal: (Matrix3<f64>, Vector3<f64>),
+    /// Estimated error, see the module.
+    pub(crate) error: Vector6<f64>,
+}
+
+impl StereoGeometry {
+    pub(crate) fn new(nominal: (Matrix3<f64>, Vector3<f64>)) -> Self {
+        Self {
+            nominal,
+            error: Vector6::zeros(),
+        }
+    }
+
+    /// Linear map from a point in the left frame, scaled by its inverse range, and that inverse
+    /// range to the point as the nominal lens of the right eye sees it: `rotation x + origin rho`.
+    /// With an error of the focal length the first part is no rotation; its scale has no effect on
+    /// bearings.
+    pub(crate) fn right_from_left(&self) -> (Matrix3<f64>, Vector3<f64>) {
+        let turn = so3::exp(self.error.fixed_rows::<3>(0).into_owned());
+        let map = self.lens() * turn.to_rotation_matrix().into_inner();
+        let (rotation, translation) = &self.nominal;
+        (
+            map * rotation,
+            map * translation * self.error[BASELINE].exp(),
+        )
+    }
+
+    /// Error of the lens as a map of points.
+    fn lens(&self) -> Matrix3<f64> {
+        let focal = self.error[FOCAL].exp();
+        Matrix3::new(
+            focal,
+            0.0,
+            self.error[PRINCIPAL_POINT],
+            0.0,
+            focal,
+            0.0,
+            0.0,
+            0.0,
+            1.0,
+        )
+    }
+
+    /// Jacobian of a point by the error. The point is as the nominal lens sees it, scaled by its
+    /// inverse range `rho`; `origin` is that of [`Self::right_from_left`].
+    pub(crate) fn jacobian(
+        &self,
+        point: &Vector3<f64>,
+        origin: &Vector3<f64>,
+        rho: f64,
+    ) -> SMatrix<f64, 3, POSE_DIM> {
+        let focal = self.error[FOCAL].exp();
+        let scaled = Vector3::new(
+            point.x - self.error[PRINCIPAL_POINT] * point.z,
+            point.y,
+            0.0,
+        );
+        let before_lens = Vector3::new(scaled.x / focal, scaled.y / focal, point.z);
+        let mut by = SMatrix::<f64, 3, POSE_DIM>::zeros();
+        by.fixed_columns_mut::<3>(0)
+            .copy_from(&(-self.lens() * before_lens.cross_matrix()));
+        by.set_column(BASELINE, &(origin * rho));
+        by.set_column(FOCAL, &scaled);
+        by.set_column(PRINCIPAL_POINT, &Vector3::new(point.z, 0.0, 0.0));
+        by
+    }
+}
+
+/// Joint information of the errors of all cameras before any image.
+pub(crate) fn prior_information(config: &StereoCalibrationConfig, cameras: usize) -> DMatrix<f64> {
+    let rotation = config.rotation_sigma_rad;
+    let sigmas = [
+        rotation,
+        rotation,
+        rotation,
+        config.baseline_sigma,
+        config.focal_sigma,
+        config.principal_point_sigma,
+    ];
+    let each = (0..cameras).flat_map(|_| sigmas);
+    let diagonal =
+        DVector::from_iterator(cameras * POSE_DIM, each.map(|sigma| 1.0 / (sigma * sigma)));
+    DMatrix::from_diagonal(&diagonal)
+}
+
+/// Applies a step to the error of a camera.
+pub(crate) fn apply_error(camera: &mut Camera, step: &Vector6<f64>) {
+    camera.stereo.error += step;
+    camera.right_from_left = camera.stereo.right_from_left();
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn jacobian_equals_finite_differences() {
+        let rotation = so3::exp(Vector3::new(0.02, -0.01, 0.03));
+        let mut geometry = StereoGeometry::new((
+            rotation.to_rotation_matrix().into_inner(),
+            Vector3::new(-0.06, 0.001, 0.002),
+        ));
+        geometry.error = Vector6::new(1e-3, -2e-3, 1e-3, 0.01, -0.004, 0.003);
+        let (x, rho) = (Vector3::new(0.3, -0.2, 0.9), 0.7);
+        let point = |geometry: &StereoGeometry| {
+            let (map, origin) = geometry.right_from_left();
+            map * x + origin * rho
+        };
+        let origin = geometry.right_from_left().1;
+        let by = geometry.jacobian(&point(&geometry), &origin, rho);
+        for k in 0..POSE_DIM {
+            let h = 1e-6;
+            let side = |h: f64| {
+                let mut moved = geometry;
+                moved.error[k] += h;
+                point(&moved)
+            };
+            let expected = (side(h) - side(-h)) / (2.0 * h);
+            // The Jacobian of the rotation is that of a small error.
+            assert!(
+                (by.column(k) - expected).amax() < 4e-3,
+                "{k}: {} {expected}",
+                by.column(k)
+            );
+        }
+    }
+
+    #[test]
+    fn without_an_error_the_geometry_is_nominal() {
+        let nominal = (Matrix3::identity(), Vector3::new(-0.06, 0.0, 0.0));
+        assert_eq!(StereoGeometry::new(nominal).right_from_left(), nominal);
+    }
+}
