@@ -28,7 +28,7 @@ use crate::backend::newest_pose::refine_newest;
 use crate::backend::observation::{Camera, CameraPose};
 use crate::backend::solver::optimize_window;
 use crate::backend::state::State;
-use crate::backend::stereo;
+use crate::backend::stereo::StereoPrior;
 use crate::backend::window::{Frame, MotionFactor, Window};
 use crate::frontend::stale_image::StaleImageDetector;
 use crate::frontend::tracker::{Expected, Track, Tracker, transfer_pixel};
@@ -96,8 +96,9 @@ pub struct Odometry {
     newest_is_keyframe: bool,
     /// Covariance of the state of the last keyframe and of the stereo calibrations.
     keyframe_covariance: NewestCovariance,
-    /// Information of the stereo calibrations: before any image, and at the start of the window.
-    stereo_prior: DMatrix<f64>,
+    /// Prior of the stereo calibrations before any image.
+    stereo_prior: StereoPrior,
+    /// Their information at the start of the window.
     stereo_information: DMatrix<f64>,
     last: Option<State>,
     /// Whether tracking is lost, until the window is reinitialized.
@@ -120,7 +121,7 @@ impl Odometry {
     /// Creates the estimator of a rig.
     pub fn new(rig: &Rig, config: Config) -> Self {
         let (cameras, body_from_rig, imu) = ImuPropagator::of(rig, &config.inertial);
-        let stereo_prior = stereo::prior_information(&config.backend.stereo, rig.cameras.len());
+        let stereo_prior = StereoPrior::new(&config.backend.stereo, &rig.cameras);
         Self {
             config,
             cameras,
@@ -133,7 +134,7 @@ impl Odometry {
             keyframe_covariance: NewestCovariance {
                 joint: DMatrix::zeros(0, 0),
             },
-            stereo_information: stereo_prior.clone(),
+            stereo_information: stereo_prior.estimation.clone(),
             stereo_prior,
             last: None,
             is_lost: false,
@@ -167,6 +168,7 @@ impl Odometry {
     /// #     rig_from_left: RigidTransform::identity(),
     /// #     covariance: None,
     /// #     right_from_left: RigidTransform::from_translation_m([-0.08, 0.0, 0.0])?,
+    /// #     right_from_left_covariance: None,
     /// #     line_s: 0.0,
     /// # };
     /// # let noise = ImuNoise {

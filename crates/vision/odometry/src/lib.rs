@@ -39,6 +39,7 @@
 //! #     rig_from_left: RigidTransform::identity(),
 //! #     covariance: None,
 //! #     right_from_left: RigidTransform::from_translation_m([-0.08, 0.0, 0.0])?,
+//! #     right_from_left_covariance: None,
 //! #     line_s: 0.0,
 //! # };
 //! # // Gray patches of 5 x 5 pixels, shifted to the left, with sensor noise of each image.
@@ -85,6 +86,7 @@
 //! #     rig_from_left: RigidTransform::identity(),
 //! #     covariance: None,
 //! #     right_from_left: RigidTransform::from_translation_m([-0.08, 0.0, 0.0])?,
+//! #     right_from_left_covariance: None,
 //! #     line_s: 0.0,
 //! # };
 //! # let rig = Rig { cameras: vec![camera], imus: Vec::new() };

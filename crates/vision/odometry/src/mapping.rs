@@ -18,7 +18,7 @@ use crate::backend::extrinsics::ExtrinsicsPrior;
 use crate::backend::observation::{BearingObservation, Camera};
 use crate::backend::solver::MIN_INVERSE_RANGE_PER_M;
 use crate::backend::state::{POSE_DIM, ROTATION, State};
-use crate::backend::stereo;
+use crate::backend::stereo::{self, StereoPrior};
 use crate::backend::window::{Frame, Landmark, MotionFactor, Prior, Window};
 use crate::config::Config;
 use crate::estimator::initialization::initial_sigmas;
@@ -123,6 +123,7 @@ pub struct RefinedExtrinsics {
 /// #     rig_from_left: RigidTransform::identity(),
 /// #     covariance: None,
 /// #     right_from_left: RigidTransform::from_translation_m([-0.08, 0.0, 0.0])?,
+/// #     right_from_left_covariance: None,
 /// #     line_s: 0.0,
 /// # };
 /// # // Gray patches of 5 x 5 pixels, shifted to the left, with sensor noise of each image.
@@ -159,6 +160,7 @@ pub struct RefinedExtrinsics {
 pub struct Mapping {
     cameras: Vec<Camera>,
     extrinsics: Vec<ExtrinsicsPrior>,
+    stereo_prior: StereoPrior,
     body_from_rig: RigidTransform,
     imu: Option<ImuPropagator>,
     config: Config,
@@ -177,6 +179,7 @@ impl Mapping {
                     ExtrinsicsPrior::new(&config.backend.extrinsics, nominal, camera)
                 })
                 .collect(),
+            stereo_prior: StereoPrior::new(&config.backend.stereo, &rig.cameras),
             cameras,
             body_from_rig,
             imu,
@@ -268,7 +271,8 @@ impl Mapping {
         let near = bundle_adjustment::optimize(config, &mut window, &found, robust, &mut progress);
         bundle_adjustment::filter_landmarks(config, &mut window);
         let last = bundle_adjustment::optimize(config, &mut window, &found, cleaned, &mut progress);
-        let covariances = bundle_adjustment::covariances(&self.config, &window, &found);
+        let covariances =
+            bundle_adjustment::covariances(&self.config, &self.stereo_prior, &window, &found);
         let poses = window.frames.iter().zip(&covariances.poses);
         Refined {
             poses: poses
@@ -379,9 +383,7 @@ impl Mapping {
         }
         let numbers: Vec<u64> = self.keyframes.iter().map(|k| k.number).collect();
         // The prior is about the nominal calibration, the start is the last causal estimate.
-        let information =
-            stereo::prior_information(&self.config.backend.stereo, self.cameras.len());
-        let prior = prior.with_stereo(&self.cameras, &information);
+        let prior = prior.with_stereo(&self.cameras, &self.stereo_prior.estimation);
         let mut cameras = self.cameras.clone();
         if let Some(last) = self.keyframes.last() {
             for (camera, error) in cameras.iter_mut().zip(&last.stereo_errors) {

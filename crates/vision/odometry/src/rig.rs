@@ -28,6 +28,7 @@ pub struct Rig {
 ///     rig_from_left: RigidTransform::from_translation_m([0.1, 0.0, 0.05])?,
 ///     covariance: None,
 ///     right_from_left: RigidTransform::from_translation_m([-0.063, 0.0, 0.0])?,
+///     right_from_left_covariance: None,
 ///     line_s: 0.0,
 /// };
 /// // A point 2 m ahead of the left camera, in both images: a disparity of 350 px x 6.3 cm / 2 m.
@@ -55,6 +56,11 @@ pub struct StereoCamera {
     pub covariance: Option<Matrix6<f64>>,
     /// Extrinsics between the two optical frames, m.
     pub right_from_left: RigidTransform,
+    /// Covariance of these extrinsics, if known: of a small motion of the left optical frame in
+    /// its own axes, translation m and rotation rad. `None` for a calibration that states none, as
+    /// that of a factory: errors of a tenth of a degree and of a hundredth of the baseline are then
+    /// considered possible.
+    pub right_from_left_covariance: Option<Matrix6<f64>>,
     /// Readout time per row, s; 0 for a global shutter.
     pub line_s: f64,
 }

@@ -27,6 +27,7 @@ pub(crate) fn stereo(baseline_m: f64) -> StereoCamera {
         covariance: None,
         right_from_left: RigidTransform::from_translation_m([-baseline_m, 0.0, 0.0])
             .expect("finite"),
+        right_from_left_covariance: None,
         line_s: 0.0,
     }
 }

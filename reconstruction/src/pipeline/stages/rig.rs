@@ -263,7 +263,7 @@ impl Sources<'_> {
         let left = eye("left", calibration.map(|c| c.left));
         let right = eye("right", calibration.map(|c| c.right));
         let right_from_left = match calibration {
-            Some(calibration) => Some(calibration.right_from_left),
+            Some(calibration) => Some((calibration.right_from_left, None)),
             None => self
                 .part_poses
                 .transform(name, FramePart::Right, FramePart::Left),
@@ -275,7 +275,7 @@ impl Sources<'_> {
                 .push(format!("camera {name}: its intrinsics are not known"));
             return Ok(None);
         };
-        let (Some(right_from_left), Some((rig_from_left, covariance))) =
+        let (Some((right_from_left, stereo_covariance)), Some((rig_from_left, covariance))) =
             (right_from_left, rig_from_left)
         else {
             let loss = format!("camera {name}: its pose on the rig is not known");
@@ -295,7 +295,7 @@ impl Sources<'_> {
             rig_from_left,
             rig_from_left_covariance: covariance,
             right_from_left,
-            right_from_left_covariance: None,
+            right_from_left_covariance: stereo_covariance,
             line_s,
         }))
     }
@@ -387,6 +387,8 @@ pub fn odometry_rig(model: &RigModel) -> odometry::Rig {
         rig_from_left: camera.rig_from_left,
         covariance: (camera.rig_from_left_covariance.as_ref()).map(|c| *c.matrix()),
         right_from_left: camera.right_from_left,
+        right_from_left_covariance: (camera.right_from_left_covariance.as_ref())
+            .map(|c| *c.matrix()),
         line_s: camera.line_s,
     };
     let imu = |imu: &RigImu| odometry::rig::Imu {

@@ -61,6 +61,7 @@ pub fn kitti(folder: &Path) -> Result<Sequence> {
                 rig_from_left,
                 covariance: None,
                 right_from_left: calibration.right_from_left,
+                right_from_left_covariance: None,
                 line_s: 0.0,
             }],
             imus: Vec::new(),
@@ -149,6 +150,7 @@ pub fn euroc(folder: &Path, truth: &Path, seconds: Option<f64>) -> Result<Sequen
                 rig_from_left: imu_from_left,
                 covariance: None,
                 right_from_left: calibration.right_from_left,
+                right_from_left_covariance: None,
                 line_s: 0.0,
             }],
             imus: vec![Imu {

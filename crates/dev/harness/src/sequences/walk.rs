@@ -184,6 +184,7 @@ pub fn walk(settings: &WalkSettings) -> Result<Sequence> {
             rig_from_left: part(FramePart::Left)?,
             covariance: None,
             right_from_left: calibration.right_from_left,
+            right_from_left_covariance: None,
             line_s: match simulation.cameras()[position].shutter {
                 Shutter::Global => 0.0,
                 Shutter::Rolling { line_s } => line_s,

@@ -4,6 +4,7 @@ use cad_transforms::RigidTransform;
 use nalgebra::{DMatrix, Matrix6, Matrix6x2, SMatrix};
 
 use crate::backend::state::{POSE_DIM, STATE_DIM, State};
+use crate::backend::stereo::StereoPrior;
 use crate::config::CovarianceConfig;
 
 /// Joint covariance of the newest state and the stereo calibrations.
@@ -28,9 +29,8 @@ impl NewestCovariance {
             .into_owned()
     }
 
-    /// Covariance of the pose. `prior` is the information of the stereo calibrations before any
-    /// image.
-    pub(crate) fn pose(&self, config: &CovarianceConfig, prior: &DMatrix<f64>) -> PoseCovariance {
+    /// Covariance of the pose. `prior` is that of the stereo calibrations before any image.
+    pub(crate) fn pose(&self, config: &CovarianceConfig, prior: &StereoPrior) -> PoseCovariance {
         let size = self.joint.nrows() - STATE_DIM;
         let pose = self.joint.fixed_view::<POSE_DIM, POSE_DIM>(0, 0);
         let cross = self.joint.view((0, STATE_DIM), (POSE_DIM, size));
@@ -54,11 +54,10 @@ pub(crate) struct PoseCovariance {
 
 impl PoseCovariance {
     /// Splits the covariance of a pose, given its cross-covariance with the stereo calibrations and
-    /// theirs. The information of the observations on the calibrations is reduced as for poses,
-    /// that of their prior is unchanged.
+    /// theirs.
     pub(crate) fn split(
         config: &CovarianceConfig,
-        prior: &DMatrix<f64>,
+        prior: &StereoPrior,
         pose: &Matrix6<f64>,
         cross: &DMatrix<f64>,
         stereo: &DMatrix<f64>,
@@ -98,17 +97,17 @@ impl PoseCovariance {
     }
 }
 
-/// Covariance of stereo calibrations with the information of the observations reduced, that of
-/// the prior unchanged.
+/// Reported covariance of stereo calibrations: the information of the observations is reduced, that
+/// of the prior replaced by the reported one.
 pub(crate) fn inflate_stereo(
     config: &CovarianceConfig,
-    prior: &DMatrix<f64>,
+    prior: &StereoPrior,
     covariance: &DMatrix<f64>,
 ) -> DMatrix<f64> {
     let square = config.sigma_inflation * config.sigma_inflation;
     let inflate = covariance.clone().try_inverse().and_then(|information| {
-        let measured = information - prior;
-        (prior + measured / square).try_inverse()
+        let measured = information - &prior.estimation;
+        (&prior.reported + measured / square).try_inverse()
     });
     inflate.unwrap_or_else(|| covariance * square)
 }

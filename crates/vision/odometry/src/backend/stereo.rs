@@ -10,11 +10,12 @@
 //! those of other points. A rotation about y adds a constant to all inverse ranges, which near and
 //! distant points contradict differently; only the baseline acts on all alike, and needs an IMU.
 
-use nalgebra::{DMatrix, DVector, Matrix3, SMatrix, Vector3, Vector6};
+use nalgebra::{DMatrix, DVector, Matrix3, Matrix6, SMatrix, Vector3, Vector6};
 
 use crate::backend::observation::Camera;
 use crate::backend::state::POSE_DIM;
 use crate::config::StereoCalibrationConfig;
+use crate::rig::StereoCamera;
 use cad_transforms::so3;
 
 /// Components of the error.
@@ -94,21 +95,70 @@ impl StereoGeometry {
     }
 }
 
-/// Joint information of the errors of all cameras before any image.
-pub(crate) fn prior_information(config: &StereoCalibrationConfig, cameras: usize) -> DMatrix<f64> {
-    let rotation = config.rotation_sigma_rad;
-    let sigmas = [
-        rotation,
-        rotation,
-        rotation,
-        config.baseline_sigma,
-        config.focal_sigma,
-        config.principal_point_sigma,
-    ];
-    let each = (0..cameras).flat_map(|_| sigmas);
-    let diagonal =
-        DVector::from_iterator(cameras * POSE_DIM, each.map(|sigma| 1.0 / (sigma * sigma)));
-    DMatrix::from_diagonal(&diagonal)
+/// Prior of the stereo calibrations of a rig, before any image: joint information of the errors of
+/// all cameras.
+#[derive(Clone, Debug)]
+pub(crate) struct StereoPrior {
+    /// For estimation.
+    pub(crate) estimation: DMatrix<f64>,
+    /// For reported covariances. A baseline that no image measures remains near its calibration,
+    /// but may have a larger error.
+    pub(crate) reported: DMatrix<f64>,
+}
+
+impl StereoPrior {
+    pub(crate) fn new(config: &StereoCalibrationConfig, cameras: &[StereoCamera]) -> Self {
+        let information = |baseline_sigma: f64| {
+            let sigmas = cameras.iter().flat_map(|camera| {
+                let sigmas = match &camera.right_from_left_covariance {
+                    Some(covariance) => stated_sigmas(config, camera, covariance),
+                    None => [
+                        config.rotation_sigma_rad,
+                        config.rotation_sigma_rad,
+                        config.rotation_sigma_rad,
+                        baseline_sigma,
+                        config.focal_sigma,
+                        config.principal_point_sigma,
+                    ],
+                };
+                sigmas.map(|sigma| 1.0 / (sigma * sigma))
+            });
+            DMatrix::from_diagonal(&DVector::from_iterator(cameras.len() * POSE_DIM, sigmas))
+        };
+        Self {
+            estimation: information(config.baseline_sigma),
+            reported: information(config.reported_baseline_sigma),
+        }
+    }
+}
+
+/// Sigmas of the error of a calibration with this covariance; see
+/// [`StereoCamera::right_from_left_covariance`].
+fn stated_sigmas(
+    config: &StereoCalibrationConfig,
+    camera: &StereoCamera,
+    covariance: &Matrix6<f64>,
+) -> [f64; POSE_DIM] {
+    let with_floor = |variance: f64, floor: f64| (variance.max(0.0) + floor * floor).sqrt();
+    let rotation = |axis: usize| {
+        with_floor(
+            covariance[(3 + axis, 3 + axis)],
+            config.stated_rotation_floor_rad,
+        )
+    };
+    // In the axes of the left eye, as the covariance is.
+    let baseline = *camera.right_from_left.inverse().translation();
+    let along = baseline.normalize();
+    let variance = (along.transpose() * covariance.fixed_view::<3, 3>(0, 0) * along)[0];
+    let relative = with_floor(variance / baseline.norm_squared(), config.stated_lens_floor);
+    [
+        rotation(0),
+        rotation(1),
+        rotation(2),
+        relative,
+        config.stated_lens_floor,
+        config.stated_lens_floor,
+    ]
 }
 
 /// Applies a step to the error of a camera.

@@ -96,11 +96,19 @@ config! {
         /// Rotation about each axis, rad. Published calibrations of rectified sets deviate by 0.1
         /// degrees.
         pub rotation_sigma_rad: f64 = 2e-3,
-        /// Baseline, relative. Only an IMU determines it.
-        pub baseline_sigma: f64 = 0.01,
+        /// Baseline, relative. Only an IMU determines it, and in a minute less well than a factory.
+        pub baseline_sigma: f64 = 3e-3,
+        /// The same in reported covariances: the estimate remains near the calibration, but does
+        /// not rely on it.
+        pub reported_baseline_sigma: f64 = 0.01,
         /// Focal length, relative.
         pub focal_sigma: f64 = 3e-3,
         /// Principal point along the baseline, in focal lengths.
         pub principal_point_sigma: f64 = 1.5e-3,
+        /// Additional rotation sigma where the calibration states its covariance, rad: eyes turn
+        /// as they warm up.
+        pub stated_rotation_floor_rad: f64 = 2e-4,
+        /// The same for the baseline, and the sigma of focal length and principal point there.
+        pub stated_lens_floor: f64 = 5e-4,
     }
 }

@@ -21,6 +21,7 @@ use crate::backend::solver::{
     for_each_residual, landmark_cost, prior_cost, prior_error,
 };
 use crate::backend::state::{POSE_DIM, STATE_DIM};
+use crate::backend::stereo::StereoPrior;
 use crate::backend::window::{Landmark, Window};
 use crate::config::{Config, MappingConfig};
 
@@ -350,7 +351,12 @@ pub(super) struct Covariances {
 }
 
 /// Computes the covariances of the solution, those of at most about `max_count` poses exactly.
-pub(super) fn covariances(config: &Config, window: &Window, loops: &[Closure]) -> Covariances {
+pub(super) fn covariances(
+    config: &Config,
+    prior: &StereoPrior,
+    window: &Window,
+    loops: &[Closure],
+) -> Covariances {
     let count = window.frames.len();
     let size = window.row_of(window.blocks());
     let linear = linearize(window, loops, 0.0);
@@ -382,16 +388,12 @@ pub(super) fn covariances(config: &Config, window: &Window, loops: &[Closure]) -
     let stereo = DMatrix::from_fn(stereo_rows, stereo_rows, |i, j| {
         0.5 * (stereo[(first_stereo + i, j)] + stereo[(first_stereo + j, i)])
     });
-    let frames = window.prior.at.len() * STATE_DIM;
-    let prior = (window.prior.information)
-        .view((frames, frames), (stereo_rows, stereo_rows))
-        .into_owned();
     let inflation = &config.backend.covariance;
     let pose_of = |block: usize| {
         let at = window.row_of(block);
         let solved = columns(at, POSE_DIM);
         let cross = DMatrix::from_fn(POSE_DIM, stereo_rows, |i, j| solved[(first_stereo + j, i)]);
-        PoseCovariance::split(inflation, &prior, &symmetric(&solved, at), &cross, &stereo)
+        PoseCovariance::split(inflation, prior, &symmetric(&solved, at), &cross, &stereo)
     };
     let step = count.div_ceil(config.mapping.max_covariances).max(1);
     let mut entries: Vec<usize> = (0..count).step_by(step).collect();
@@ -417,6 +419,6 @@ pub(super) fn covariances(config: &Config, window: &Window, loops: &[Closure]) -
     Covariances {
         poses: out,
         extrinsics: (count..count + window.extrinsics.len()).map(of).collect(),
-        stereo: inflate_stereo(inflation, &prior, &stereo),
+        stereo: inflate_stereo(inflation, prior, &stereo),
     }
 }

@@ -38,6 +38,7 @@ impl Refined {
     /// #     rig_from_left: RigidTransform::identity(),
     /// #     covariance: None,
     /// #     right_from_left: RigidTransform::from_translation_m([-0.08, 0.0, 0.0])?,
+    /// #     right_from_left_covariance: None,
     /// #     line_s: 0.0,
     /// # };
     /// # let rig = Rig { cameras: vec![camera], imus: Vec::new() };

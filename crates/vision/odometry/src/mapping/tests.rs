@@ -29,6 +29,7 @@ fn rig() -> Rig {
             rig_from_left: RigidTransform::from_rotation_rows(rows, [0.0, 0.1, 0.05]).unwrap(),
             covariance: None,
             right_from_left: RigidTransform::from_translation_m([-0.06, 0.0, 0.0]).unwrap(),
+            right_from_left_covariance: None,
             line_s: 0.0,
         }],
         imus: Vec::new(),

@@ -56,17 +56,22 @@ impl<'a> PartPoses<'a> {
         Some((place, None))
     }
 
-    /// `b_from_a` of two parts of a camera.
+    /// `b_from_a` of two parts of a camera, with the covariance that the rig file states: of a
+    /// small motion of `a` in its own axes.
     pub(super) fn transform(
         &self,
         camera: &str,
         b: FramePart,
         a: FramePart,
-    ) -> Option<RigidTransform> {
+    ) -> Option<PoseWithCovariance> {
         let b = Frame::of_camera(camera, b).ok()?;
         let a = Frame::of_camera(camera, a).ok()?;
-        let of_file = self.rig.and_then(|rig| rig.transform(&b, &a).ok());
-        of_file.or_else(|| self.recorded(b.as_str(), a.as_str()))
+        if let Some(rig) = self.rig
+            && let Ok(transform) = rig.transform(&b, &a)
+        {
+            return Some((transform, rig.covariance(&b, &a).ok().flatten()));
+        }
+        Some((self.recorded(b.as_str(), a.as_str())?, None))
     }
 
     /// `b_from_a` by recorded transforms. There are few, so the search is simple: from known frames

@@ -38,6 +38,7 @@ pub(crate) fn camera(yaw: f64, line_s: f64) -> Camera {
             rig_from_left: rotation.unwrap(),
             covariance: None,
             right_from_left: shift(-0.06),
+            right_from_left_covariance: None,
             line_s,
         },
         &RigidTransform::identity(),
