@@ -73,6 +73,7 @@ const BENCHMARKS: &[(&str, Run)] = &[
     ("import", import::run),
     ("kills", kills::run),
     ("odometry", odometry::run),
+    ("odometry_calibration", odometry::calibration::run),
     ("odometry_encoding", odometry::encoding::run),
     ("odometry_faults", odometry::faults::run),
     ("odometry_length", odometry::length::run),

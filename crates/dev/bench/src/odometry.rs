@@ -26,6 +26,7 @@
 
 use anyhow::Result;
 
+pub(crate) mod calibration;
 mod charts;
 pub(crate) mod encoding;
 pub(crate) mod faults;

@@ -11,7 +11,7 @@ use std::collections::BTreeMap;
 
 use cad_transforms::{RigidTransform, so3};
 use camera_models::Eye as Side;
-use nalgebra::{DMatrix, Matrix6, UnitQuaternion, Vector6};
+use nalgebra::{Matrix6, UnitQuaternion, Vector6};
 
 use crate::backend::covariance::{in_rig_frame, tilt_uncertainty};
 use crate::backend::extrinsics::ExtrinsicsPrior;
@@ -30,9 +30,11 @@ use camera_models::ImuSample;
 mod bundle_adjustment;
 mod connectivity;
 mod loop_closure;
+mod stereo_calibration;
 
 pub use bundle_adjustment::Progress;
 pub use connectivity::Connectivity;
+pub use stereo_calibration::RefinedStereo;
 
 /// Pose of a keyframe after bundle adjustment.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -77,19 +79,6 @@ pub struct Refined {
     pub extrinsics: Vec<RefinedExtrinsics>,
     /// Estimated stereo calibrations, one per camera of the rig.
     pub stereo: Vec<RefinedStereo>,
-}
-
-/// Estimated error of the stereo calibration of a camera.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct RefinedStereo {
-    /// Error of the right eye against the left one: rotation of the right eye about its x, y and z
-    /// axes, rad; baseline, relative; focal length, relative; principal point along x, in focal
-    /// lengths.
-    pub error: [f64; 6],
-    /// Its covariance. What the walk does not determine has that of the calibration.
-    pub covariance: Matrix6<f64>,
-    /// Whether a component deviates from the calibration by more than three of its sigmas.
-    pub is_significant: bool,
 }
 
 /// Estimated extrinsics of a camera.
@@ -302,7 +291,7 @@ impl Mapping {
             is_converged: last.is_converged,
             landmarks: window.landmarks.len(),
             extrinsics: self.refined_extrinsics(&window, &covariances.extrinsics),
-            stereo: refined_stereo(&window, &covariances.stereo),
+            stereo: RefinedStereo::of(&window, &covariances.stereo),
         }
     }
 
@@ -421,24 +410,6 @@ impl Mapping {
             config: self.config.backend,
         }
     }
-}
-
-fn refined_stereo(window: &Window, covariance: &DMatrix<f64>) -> Vec<RefinedStereo> {
-    let each = window.cameras.iter().enumerate();
-    each.map(|(k, camera)| {
-        let at = k * POSE_DIM;
-        let covariance = covariance
-            .fixed_view::<POSE_DIM, POSE_DIM>(at, at)
-            .into_owned();
-        let error = camera.stereo.error;
-        let exceeds = |k: usize| error[k].abs() > 3.0 * covariance[(k, k)].sqrt();
-        RefinedStereo {
-            error: error.into(),
-            covariance,
-            is_significant: (0..POSE_DIM).any(exceeds),
-        }
-    })
-    .collect()
 }
 
 /// Increases the sigma of later observations: a tracked feature drifts from its start, and its

@@ -4,13 +4,13 @@
 //! of odometry, except that poses tracked after a loss are *relocalised* if a loop closure with a
 //! place from before the loss connects them to the rest. Unconnected poses keep the covariance of
 //! their causal pose. Camera extrinsics are refined; a camera far from its nominal pose was moved,
-//! which is reported. If the adjustment does not converge, which is reported too, all poses keep
+//! which is reported. A stereo calibration that the walk contradicts is reported and replaced. If the adjustment does not converge, which is reported too, all poses keep
 //! their causal covariance and cameras their nominal extrinsics. Images are not read again.
 
-use ::odometry::mapping::{Connectivity, Progress, interpolate_poses};
+use ::odometry::mapping::{Connectivity, Progress, RefinedStereo, interpolate_poses};
 use ::odometry::{ImuSample, Mapping, Refined};
 use cad_transforms::RigidTransform;
-use scene_bundle::outputs::rig::RigModel;
+use scene_bundle::outputs::rig::{RigCamera, RigModel};
 use scene_bundle::outputs::trajectory::TrajectoryWriter;
 use scene_bundle::outputs::{self, RIG, RIG_REFINED, TRACKS, TRAJECTORY, TRAJECTORY_CAUSAL};
 use scene_bundle::{Pose, Status, Trajectory};
@@ -33,7 +33,7 @@ impl Stage<Input> for BundleAdjustmentStage {
     }
 
     fn version(&self) -> u32 {
-        6
+        7
     }
 
     fn inputs(&self) -> &'static [&'static str] {
@@ -126,7 +126,39 @@ fn refined_rig(mut rig: RigModel, adjusted: &Refined, work: &Work<'_, Input>) ->
         camera.rig_from_left = mount.rig_from_left;
         camera.rig_from_left_covariance = before::covariance(&mount.covariance);
     }
+    for (camera, stereo) in rig.cameras.iter_mut().zip(&adjusted.stereo) {
+        let error = stereo_error(camera, stereo);
+        if !stereo.is_significant {
+            work.note(format!(
+                "camera {}: the right eye agrees with its calibration: {error}",
+                camera.name
+            ));
+            continue;
+        }
+        work.record_loss(format!(
+            "camera {}: the calibration of the right eye is wrong: {error}; poses and depth use the estimate, a new calibration mends it",
+            camera.name
+        ));
+        (camera.right, camera.right_from_left) =
+            stereo.corrected(&camera.right, &camera.right_from_left);
+    }
     rig
+}
+
+/// Estimated error of a stereo calibration with its sigmas, for people.
+fn stereo_error(camera: &RigCamera, stereo: &RefinedStereo) -> String {
+    let (error, sigmas) = (stereo.error, stereo.sigmas());
+    let each = |k: usize, unit: f64| format!("{:.2} ± {:.2}", unit * error[k], unit * sigmas[k]);
+    let degrees = 1.0_f64.to_degrees();
+    format!(
+        "rotation {}, {}, {} degrees about x, y, z, baseline {} %, focal length {} %, principal point {} px",
+        each(0, degrees),
+        each(1, degrees),
+        each(2, degrees),
+        each(3, 100.0),
+        each(4, 100.0),
+        each(5, camera.right.fx),
+    )
 }
 
 /// Every pose of the causal trajectory, as refined by the bundle adjustment.

@@ -40,9 +40,9 @@ pub(crate) struct Job {
     /// Rotation error of one camera's calibration, degrees, in equal parts about x, y and z of its
     /// left frame.
     pub(crate) rotation_error_deg: f64,
-    /// Error of the stereo calibration of every camera.
-    #[serde(default, skip_serializing_if = "StereoDeviation::is_zero")]
-    pub(crate) stereo: StereoDeviation,
+    /// Error of the stereo calibration of every camera, which then states no covariance.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) stereo: Option<StereoDeviation>,
 }
 
 /// The camera with this error. Its IMU is not in use.
@@ -59,7 +59,7 @@ impl Job {
             sets: None,
             settings: settings.to_owned(),
             rotation_error_deg: 0.0,
-            stereo: StereoDeviation::default(),
+            stereo: None,
         }
     }
 
@@ -83,7 +83,9 @@ impl Job {
         let off = RigidTransform::from_rotation_vector([each; 3], [0.0; 3])?;
         let mut applied = Ok(());
         let sequence = sequence.with_nominal_rig(|rig| {
-            applied = self.stereo.apply(rig);
+            if let Some(deviation) = &self.stereo {
+                applied = deviation.apply(rig);
+            }
             for camera in rig
                 .cameras
                 .iter_mut()

@@ -20,11 +20,6 @@ pub(crate) struct StereoDeviation {
 }
 
 impl StereoDeviation {
-    /// Whether the calibration is exact.
-    pub(crate) fn is_zero(&self) -> bool {
-        *self == Self::default()
-    }
-
     /// Applies it to the calibration of a rig.
     ///
     /// # Errors
@@ -37,6 +32,7 @@ impl StereoDeviation {
             let longer = of.translation_m().map(|m| m * (1.0 + self.baseline));
             let stretched = RigidTransform::from_wxyz(of.rotation_wxyz(), longer)?;
             camera.right_from_left = turn * stretched;
+            camera.right_from_left_covariance = None;
             camera.right.fx *= 1.0 + self.focal;
             camera.right.fy *= 1.0 + self.focal;
             camera.right.cx += self.principal_point_px[0];

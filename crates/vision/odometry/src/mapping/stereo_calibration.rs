@@ -1,0 +1,144 @@
+//! Stereo calibrations after bundle adjustment.
+
+use cad_transforms::RigidTransform;
+use camera_models::CameraModel;
+use nalgebra::{DMatrix, Matrix6, Vector6};
+
+use crate::backend::state::POSE_DIM;
+use crate::backend::window::Window;
+
+/// Chi-square quantile of six dimensions that is exceeded with a probability of 0.27 %, as three
+/// sigmas of a normal distribution.
+const CHI2_THREE_SIGMA: f64 = 20.062;
+
+/// Estimated error of the stereo calibration of a camera.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RefinedStereo {
+    /// Error of the right eye against the left one: rotation of the right eye about its x, y and z
+    /// axes, rad; baseline, relative; focal length, relative; principal point along x, in focal
+    /// lengths.
+    pub error: [f64; 6],
+    /// Its covariance. What the walk does not determine has that of the calibration.
+    pub covariance: Matrix6<f64>,
+    /// Whether the error is larger than three sigmas of its covariance: the calibration is wrong.
+    pub is_significant: bool,
+}
+
+impl RefinedStereo {
+    /// Calibrations of all cameras of a window, with their joint covariance.
+    pub(super) fn of(window: &Window, covariance: &DMatrix<f64>) -> Vec<Self> {
+        let each = window.cameras.iter().enumerate();
+        each.map(|(k, camera)| {
+            let at = k * POSE_DIM;
+            let covariance = covariance
+                .fixed_view::<POSE_DIM, POSE_DIM>(at, at)
+                .into_owned();
+            Self::new(camera.stereo.error, covariance)
+        })
+        .collect()
+    }
+
+    fn new(error: Vector6<f64>, covariance: Matrix6<f64>) -> Self {
+        let solved = covariance.cholesky().map(|c| c.solve(&error));
+        Self {
+            error: error.into(),
+            covariance,
+            is_significant: solved.is_some_and(|solved| error.dot(&solved) > CHI2_THREE_SIGMA),
+        }
+    }
+
+    /// Standard deviations of [`Self::error`].
+    ///
+    /// ```
+    /// # use nalgebra::Matrix6;
+    /// # use odometry::mapping::RefinedStereo;
+    /// let refined = RefinedStereo {
+    ///     error: [0.0, 1.7e-3, 0.0, 0.0, 0.0, 0.0],
+    ///     covariance: Matrix6::identity() * 1e-8,
+    ///     is_significant: true,
+    /// };
+    /// assert!((refined.sigmas()[1] - 1e-4).abs() < 1e-12);
+    /// ```
+    pub fn sigmas(&self) -> [f64; 6] {
+        std::array::from_fn(|k| self.covariance[(k, k)].max(0.0).sqrt())
+    }
+
+    /// Corrected lens of the right eye and extrinsics between the eyes, from the nominal ones.
+    /// Errors of lens and principal point are those of an image without distortion.
+    ///
+    /// ```
+    /// # use cad_transforms::RigidTransform;
+    /// # use camera_models::{CameraModel, Distortion};
+    /// # use nalgebra::Matrix6;
+    /// # use odometry::mapping::RefinedStereo;
+    /// let lens = CameraModel::new((672, 376), [350.0, 350.0, 335.5, 187.5], Distortion::None);
+    /// let right_from_left = RigidTransform::from_translation_m([-0.06, 0.0, 0.0])?;
+    /// let refined = RefinedStereo {
+    ///     error: [0.0, 0.0, 0.0, 0.01, 0.0, 0.002],
+    ///     covariance: Matrix6::identity() * 1e-8,
+    ///     is_significant: true,
+    /// };
+    /// let (lens, right_from_left) = refined.corrected(&lens, &right_from_left);
+    /// assert!((lens.cx - 336.2).abs() < 1e-9);
+    /// assert!((right_from_left.translation_m()[0] + 0.0606).abs() < 1e-5);
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
+    pub fn corrected(
+        &self,
+        right: &CameraModel,
+        right_from_left: &RigidTransform,
+    ) -> (CameraModel, RigidTransform) {
+        let [x, y, z, baseline, focal, principal_point] = self.error;
+        let longer = right_from_left.translation_m().map(|m| m * baseline.exp());
+        let turn = RigidTransform::from_rotation_vector([x, y, z], [0.0; 3]);
+        let stretched = RigidTransform::from_wxyz(right_from_left.rotation_wxyz(), longer);
+        let corrected = turn
+            .and_then(|turn| Ok(turn * stretched?))
+            .unwrap_or(*right_from_left);
+        let lens = CameraModel {
+            fx: right.fx * focal.exp(),
+            fy: right.fy * focal.exp(),
+            cx: right.cx + principal_point * right.fx,
+            ..*right
+        };
+        (lens, corrected)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::backend::observation::Camera;
+    use crate::backend::stereo::apply_error;
+    use crate::test_rig;
+    use camera_models::Lens;
+    use nalgebra::Vector3;
+
+    #[test]
+    fn corrected_calibration_projects_as_the_estimate() {
+        let nominal = test_rig::stereo(0.1);
+        let error = Vector6::new(2e-3, -1e-3, 3e-3, 0.02, -0.01, 0.004);
+        let mut camera = Camera::new(&nominal, &RigidTransform::identity());
+        apply_error(&mut camera, &error);
+        let refined = RefinedStereo::new(error, Matrix6::identity() * 1e-8);
+        assert!(refined.is_significant);
+        let (lens, right_from_left) = refined.corrected(&nominal.right, &nominal.right_from_left);
+        let x = Vector3::new(0.3, -0.2, 1.2);
+        let (map, origin) = &camera.right_from_left;
+        let expected = Lens::new(&nominal.right).project((map * x + origin).into());
+        let found = Lens::new(&lens).project(right_from_left.apply(x.into()));
+        let (expected, found) = (expected.expect("inside"), found.expect("inside"));
+        for k in 0..2 {
+            assert!(
+                (expected[k] - found[k]).abs() < 1e-9,
+                "{expected:?} {found:?}"
+            );
+        }
+    }
+
+    #[test]
+    fn error_within_its_sigmas_is_not_significant() {
+        let refined = RefinedStereo::new(Vector6::repeat(1e-4), Matrix6::identity() * 1e-8);
+        assert!(!refined.is_significant);
+    }
+}
