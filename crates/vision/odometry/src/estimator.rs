@@ -106,8 +106,6 @@ pub struct Odometry {
     /// Uncertainties of earlier resets that the covariance of the window does not contain.
     unmodeled: Vec<ResetUncertainty>,
     camera_shifts: Vec<CameraShift>,
-    /// Path length over keyframes, m.
-    path_length_m: f64,
     number: u64,
     next_track: u64,
     /// Features of the last keyframe: camera, track id, ray.
@@ -140,7 +138,6 @@ impl Odometry {
             is_lost: false,
             unmodeled: Vec::new(),
             camera_shifts: Vec::new(),
-            path_length_m: 0.0,
             number: 0,
             next_track: 0,
             reference: Vec::new(),
@@ -288,8 +285,6 @@ impl Odometry {
         // Features are matched with the estimated stereo calibrations.
         self.cameras.clone_from(&window.cameras);
         if is_keyframe {
-            let before = &window.frames[window.frames.len() - 2].state;
-            self.path_length_m += (window.newest().state.position - before.position).norm();
             self.filter_landmarks(&mut window);
             self.insert_keyframe(&mut window, &exposure_offset_s);
         }
@@ -467,7 +462,6 @@ impl Odometry {
             &self.config.backend.covariance,
             state,
             &self.body_from_rig,
-            self.path_length_m,
             &covariance,
         );
         let status = if is_tracked {

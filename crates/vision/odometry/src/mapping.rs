@@ -271,7 +271,6 @@ impl Mapping {
                         &self.config.backend.covariance,
                         &frame.state,
                         &self.body_from_rig,
-                        0.0,
                         covariance,
                     );
                     if self.imu.is_none() {

@@ -113,24 +113,15 @@ pub(crate) fn inflate_stereo(
 }
 
 /// Adds errors that the covariance of the solver does not model: observations of one feature are
-/// correlated over frames, and calibrations have constant errors. Sigmas are multiplied by
-/// `sigma_inflation`; a scale error times the distance from the start, and a drift times the path
-/// length since the last closure, m, are added. Values from simulated walks; see
+/// correlated over frames, so that sigmas with exact stereo calibrations are multiplied by
+/// `sigma_inflation`, and other calibrations have constant errors. Values from simulated walks; see
 /// docs/decisions/0010-odometry.md.
-fn inflate(
-    config: &CovarianceConfig,
-    state: &State,
-    path_length_m: f64,
-    covariance: &PoseCovariance,
-) -> Matrix6<f64> {
+fn inflate(config: &CovarianceConfig, covariance: &PoseCovariance) -> Matrix6<f64> {
     let square = config.sigma_inflation * config.sigma_inflation;
     let mut out = covariance.given_stereo * square + covariance.by_stereo;
-    let position_sigma_m = config.position_sigma_floor_m
-        + config.scale_sigma * state.position.norm()
-        + config.drift_per_metre * path_length_m;
     for k in 0..3 {
-        out[(k, k)] += position_sigma_m * position_sigma_m;
-        out[(k + 3, k + 3)] += config.rotation_sigma_floor_rad * config.rotation_sigma_floor_rad;
+        out[(k, k)] += config.position_sigma_floor_m.powi(2);
+        out[(k + 3, k + 3)] += config.rotation_sigma_floor_rad.powi(2);
     }
     out
 }
@@ -161,7 +152,6 @@ pub(crate) fn in_rig_frame(
     config: &CovarianceConfig,
     state: &State,
     body_from_rig: &RigidTransform,
-    path_length_m: f64,
     covariance: &PoseCovariance,
 ) -> Matrix6<f64> {
     let mut to_own = Matrix6::identity();
@@ -178,7 +168,7 @@ pub(crate) fn in_rig_frame(
         .fixed_view_mut::<3, 3>(0, 3)
         .copy_from(&(lever_arm * rotation));
     let jacobian = adjoint * to_own;
-    let own = jacobian * inflate(config, state, path_length_m, covariance) * jacobian.transpose();
+    let own = jacobian * inflate(config, covariance) * jacobian.transpose();
     (own + own.transpose()) * 0.5
 }
 
