@@ -27,7 +27,7 @@ use imaging::Pyramid;
 use crate::backend::newest_pose::refine_newest;
 use crate::backend::observation::{Camera, CameraPose};
 use crate::backend::solver::optimize_window;
-use crate::backend::state::State;
+use crate::backend::state::{ROTATION, State};
 use crate::backend::stereo::StereoPrior;
 use crate::backend::window::{Frame, MotionFactor, Window};
 use crate::frontend::stale_image::StaleImageDetector;
@@ -256,10 +256,7 @@ impl Odometry {
         let is_keyframe = self.is_keyframe(&window, is_tracked);
         let own = information.and_then(|h| h.cholesky()).map(|c| c.inverse());
         let mut joint = None;
-        if is_keyframe
-            || self.config.backend.optimize_every_frame
-            || self.number <= self.config.backend.initial_frames
-        {
+        if is_keyframe || self.optimizes_every_frame() {
             joint = optimize_window(&mut window, self.config.backend.max_iterations).1;
         }
         let of = |covariance: &NewestCovariance| {
@@ -325,6 +322,23 @@ impl Odometry {
         }
         self.window = Some(window);
         estimate
+    }
+
+    /// Whether the whole window is optimized for the next frame set, keyframe or not.
+    fn optimizes_every_frame(&self) -> bool {
+        let config = &self.config.backend;
+        let tilt_variance = || {
+            // In the world, z is the heading.
+            let covariance = self.keyframe_covariance.state();
+            let rotation = covariance.fixed_view::<3, 3>(ROTATION, ROTATION);
+            let up = self
+                .last
+                .map_or(Vector3::z(), |last| last.rotation.inverse() * Vector3::z());
+            rotation.trace() - (up.transpose() * rotation * up)[0]
+        };
+        config.optimize_every_frame
+            || self.number <= config.initial_frames
+            || (self.imu.is_some() && tilt_variance() > config.settled_tilt_sigma_rad.powi(2))
     }
 
     /// Tracks all features into new images. The predictions follow from the last and the predicted

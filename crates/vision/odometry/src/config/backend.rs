@@ -12,8 +12,12 @@ config! {
         pub max_iterations: usize = 4,
         /// Whether the whole window is optimized for every frame set, and not for keyframes only.
         pub optimize_every_frame: bool = false,
-        /// Number of initial frame sets for which it always is: biases and tilt are not yet known.
+        /// Number of initial frame sets for which it always is.
         pub initial_frames: u64 = 12,
+        /// Tilt sigma of the solver above which it always is, rad: until a walk has turned, gravity
+        /// does not tell tilt from accelerometer bias, and states with a wrong tilt would leave the
+        /// window.
+        pub settled_tilt_sigma_rad: f64 = 2e-3,
         /// Relative cost reduction per iteration at which the solver stops.
         pub convergence_ratio: f64 = 1e-3,
         /// Standard deviation of an observation, px. Compare Basalt `vio_obs_std_dev`. It weights
