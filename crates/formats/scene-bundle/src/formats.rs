@@ -3,7 +3,8 @@
 //! Contract: times are integers of nanoseconds on both sides; decimals are parsed exactly, never
 //! through a floating-point number. Digits below a nanosecond are rounded to the nearest, halves
 //! away from zero. Numbers are written with the digits that read back to the same bits. What cannot
-//! be read is an error that names the line, what was found and what was expected.
+//! be read is an error that names the line, what was found and what was expected. Times rise from
+//! line to line; of consecutive lines with the same time the first is used, with a warning.
 //! [`Lost`](crate::Status::Lost) poses are not written, since none of these formats can mark a pose
 //! as invalid. Status and covariance are lost; poses that are read are
 //! [`Tracked`](crate::Status::Tracked).

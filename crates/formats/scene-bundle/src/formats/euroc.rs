@@ -8,7 +8,7 @@
 
 use std::path::Path;
 
-use super::text::{FormatError, Source, format_numbers, read as text_of};
+use super::text::{FormatError, Rows, Source, format_numbers, read as text_of};
 use crate::trajectory::{Pose, Trajectory};
 
 const COLUMNS: [&str; 17] = [
@@ -82,7 +82,7 @@ pub fn parse(text: &str, path: &Path) -> Result<Estimate, FormatError> {
         path,
         text,
     };
-    let (mut poses, mut biases) = (Vec::new(), Vec::new());
+    let (mut rows, mut biases) = (Rows::default(), Vec::new());
     let mut columns: Option<(usize, usize)> = None;
     for (line, text) in source.lines() {
         let text = text.strip_suffix(',').unwrap_or(text);
@@ -115,8 +115,7 @@ pub fn parse(text: &str, path: &Path) -> Result<Estimate, FormatError> {
         let transform = source.transform(line, [n[3], n[4], n[5], n[6]], three(0))?;
         let mut pose = Pose::new(time_ns, transform);
         pose.velocity_in_world = (count > 8).then(|| three(7));
-        poses.push((line, pose));
-        if count == 17 {
+        if rows.push(line, pose) && count == 17 {
             biases.push(Biases {
                 gyroscope_rad_s: three(10),
                 accelerometer_m_s2: three(13),
@@ -124,7 +123,7 @@ pub fn parse(text: &str, path: &Path) -> Result<Estimate, FormatError> {
         }
     }
     Ok(Estimate {
-        trajectory: source.trajectory(poses)?,
+        trajectory: source.trajectory(rows)?,
         biases: (!biases.is_empty()).then_some(biases),
     })
 }
@@ -233,8 +232,8 @@ mod tests {
             "line 1: found \"1.5\", expected a time in whole nanoseconds",
         );
         check(
-            &format!("{good}{good}"),
-            "line 2: found the time 1 ns, expected a later one than the 1 ns of line 1",
+            &format!("{good}0,0,0,0,1,0,0,0\n"),
+            "line 2: found the time 0 ns, expected a later one than the 1 ns of line 1",
         );
         // A file with the real part last, of a body that hardly rotates: the norm is right
         // nevertheless, so this cannot be detected. Only values that are not a rotation are
@@ -243,6 +242,20 @@ mod tests {
             "1,0,0,0,0.5,0,0,0\n",
             "line 1: found a quaternion of norm 0.5, expected norm 1 within 0.001",
         );
+    }
+
+    #[test]
+    fn first_row_of_a_repeated_time_is_used_with_its_biases() {
+        let row = |time: i64, x: f64| format!("{time},{x},0,0,1,0,0,0,0,0,0,{x},0,0,0,0,0\n");
+        let text: String = [(1, 1.0), (1, 2.0), (2, 3.0)]
+            .map(|(t, x)| row(t, x))
+            .concat();
+        let found = parsed(&text).unwrap();
+        let poses = found.trajectory.poses().iter();
+        let x: Vec<f64> = poses.map(|p| p.world_from_rig.translation_m()[0]).collect();
+        let biases = found.biases.unwrap();
+        let bias_x: Vec<f64> = biases.iter().map(|b| b.gyroscope_rad_s[0]).collect();
+        assert_eq!((x, bias_x), (vec![1.0, 3.0], vec![1.0, 3.0]));
     }
 
     #[test]

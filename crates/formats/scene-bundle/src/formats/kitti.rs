@@ -10,7 +10,7 @@ use std::path::Path;
 use cad_transforms::RigidTransform;
 
 use super::seconds::{format_seconds, parse_seconds};
-use super::text::{FormatError, Source, format_numbers, read as text_of};
+use super::text::{FormatError, Rows, Source, format_numbers, read as text_of};
 use crate::trajectory::{Pose, Trajectory};
 
 const KIND: &str = "KITTI";
@@ -20,7 +20,7 @@ const KIND: &str = "KITTI";
 /// # Errors
 /// [`FormatError`]; [`FormatError::Counts`] if their numbers differ.
 pub fn read(poses: &Path, times: &Path) -> Result<Trajectory, FormatError> {
-    let rows = parse_poses(&text_of(poses)?, poses)?;
+    let poses = parse_poses(&text_of(poses)?, poses)?;
     let text = text_of(times)?;
     let source = Source {
         kind: KIND,
@@ -28,20 +28,19 @@ pub fn read(poses: &Path, times: &Path) -> Result<Trajectory, FormatError> {
         text: &text,
     };
     let stamps = times_of(&source)?;
-    if stamps.len() != rows.len() {
+    if stamps.len() != poses.len() {
         return Err(FormatError::Counts {
             kind: KIND,
             path: times.to_owned(),
             found: stamps.len(),
-            expected: rows.len(),
+            expected: poses.len(),
         });
     }
-    let poses = stamps.into_iter().zip(rows);
-    source.trajectory(
-        poses
-            .map(|((line, time_ns), pose)| (line, Pose::new(time_ns, pose)))
-            .collect(),
-    )
+    let mut rows = Rows::default();
+    for ((line, time_ns), pose) in stamps.into_iter().zip(poses) {
+        rows.push(line, Pose::new(time_ns, pose));
+    }
+    source.trajectory(rows)
 }
 
 /// Reads the poses alone; `path` is for messages.
@@ -142,6 +141,19 @@ mod tests {
             assert_eq!(a, b);
         }
 
+        // Of poses of one time, the first.
+        let one = "1 0 0 0 0 1 0 0 0 0 1 0\n";
+        std::fs::write(
+            &poses,
+            format!("{one}{}{one}", one.replace("1 0\n", "1 9\n")),
+        )
+        .unwrap();
+        std::fs::write(&times, "0.5\n0.5\n0.6\n").unwrap();
+        let repeated = read(&poses, &times).unwrap();
+        assert_eq!(repeated.len(), 2);
+        assert_eq!(repeated.poses()[0].world_from_rig.translation_m(), [0.0; 3]);
+
+        std::fs::write(&poses, &texts.0).unwrap();
         std::fs::write(&times, "0.5\n").unwrap();
         let error = read(&poses, &times).unwrap_err().to_string();
         let expected = format!(

@@ -141,11 +141,18 @@ impl<'a> Source<'a> {
         })
     }
 
-    /// Puts poses with their lines together; times must rise from line to line.
-    pub(super) fn trajectory(&self, poses: Vec<(usize, Pose)>) -> Result<Trajectory, FormatError> {
+    /// The trajectory of these rows, with a warning if some of them repeated a time.
+    pub(super) fn trajectory(&self, rows: Rows) -> Result<Trajectory, FormatError> {
+        if let Some(warning) = rows.warning() {
+            log::warn!(
+                "reading a {} trajectory: {warning}: {}",
+                self.kind,
+                self.path.display()
+            );
+        }
         let mut trajectory = Trajectory::default();
         let mut before: Option<(usize, i64)> = None;
-        for (line, pose) in poses {
+        for (line, pose) in rows.kept {
             let time_ns = pose.time_ns;
             trajectory.push(pose).map_err(|_| {
                 // Numbers of a file are finite, so only the time is left to be wrong.
@@ -162,6 +169,44 @@ impl<'a> Source<'a> {
     }
 }
 
+/// Poses with their lines. Of consecutive lines with the same time, the first is kept: ground truth
+/// of real data sets has such lines, and evo associates with the first of equal times as well.
+#[derive(Debug, Default)]
+pub(super) struct Rows {
+    kept: Vec<(usize, Pose)>,
+    /// Lines that were not kept, and the first of them.
+    repeated: usize,
+    first_repeated: Option<usize>,
+}
+
+impl Rows {
+    /// Adds the pose of a line; `false` if it repeats the time of the one before and is not kept.
+    pub(super) fn push(&mut self, line: usize, pose: Pose) -> bool {
+        let repeats = |(_, last): &(usize, Pose)| last.time_ns == pose.time_ns;
+        if self.kept.last().is_some_and(repeats) {
+            self.repeated += 1;
+            self.first_repeated.get_or_insert(line);
+            return false;
+        }
+        self.kept.push((line, pose));
+        true
+    }
+
+    /// What is to be said of lines that were not kept.
+    fn warning(&self) -> Option<String> {
+        let first = self.first_repeated?;
+        Some(match self.repeated {
+            1 => format!(
+                "line {first} repeats the time of the line before; only the first pose of each time is used"
+            ),
+            count => format!(
+                "{count} lines repeat the time of the line before, the first is line {first}; only the first pose of \
+                 each time is used"
+            ),
+        })
+    }
+}
+
 /// A number with the digits that read back to the same bits.
 pub(super) fn format_number(number: f64) -> String {
     format!("{number:?}")
@@ -171,4 +216,26 @@ pub(super) fn format_number(number: f64) -> String {
 pub(super) fn format_numbers(numbers: &[f64], separator: &str) -> String {
     let words: Vec<String> = numbers.iter().map(|n| format_number(*n)).collect();
     words.join(separator)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn repeated_times_are_counted_and_the_first_line_is_named() {
+        let mut rows = Rows::default();
+        let pushed: Vec<bool> = [(3, 10), (4, 10), (5, 11), (7, 11), (8, 11), (9, 10)]
+            .map(|(line, time_ns)| rows.push(line, Pose::new(time_ns, RigidTransform::identity())))
+            .into();
+        assert_eq!(pushed, [true, false, true, false, false, true]);
+        assert_eq!(
+            rows.warning().as_deref(),
+            Some(
+                "3 lines repeat the time of the line before, the first is line 4; only the first pose of each time is \
+                 used"
+            )
+        );
+        assert_eq!(Rows::default().warning(), None);
+    }
 }

@@ -6,7 +6,7 @@
 use std::path::Path;
 
 use super::seconds::{format_seconds, parse_seconds};
-use super::text::{FormatError, Source, format_numbers, read as text_of};
+use super::text::{FormatError, Rows, Source, format_numbers, read as text_of};
 use crate::trajectory::{Pose, Trajectory};
 
 /// Reads a file.
@@ -44,7 +44,7 @@ pub fn parse(text: &str, path: &Path) -> Result<Trajectory, FormatError> {
         path,
         text,
     };
-    let mut poses = Vec::new();
+    let mut rows = Rows::default();
     for (line, text) in source.lines() {
         let words: Vec<&str> = text.split_ascii_whitespace().collect();
         let [time, numbers @ ..] = words.as_slice() else {
@@ -65,9 +65,9 @@ pub fn parse(text: &str, path: &Path) -> Result<Trajectory, FormatError> {
             *number = source.number(line, word)?;
         }
         let transform = source.transform(line, [n[6], n[3], n[4], n[5]], [n[0], n[1], n[2]])?;
-        poses.push((line, Pose::new(time_ns, transform)));
+        rows.push(line, Pose::new(time_ns, transform));
     }
-    source.trajectory(poses)
+    source.trajectory(rows)
 }
 
 /// The text of a file. Lost poses are left out.
@@ -133,8 +133,24 @@ mod tests {
             "line 1: found a quaternion of norm 0.9, expected norm 1 within 0.001",
         );
         check(
-            "#\n2.0 0 0 0 0 0 0 1\n#\n2.0 0 0 0 0 0 0 1\n",
-            "line 4: found the time 2000000000 ns, expected a later one than the 2000000000 ns of line 2",
+            "#\n2.0 0 0 0 0 0 0 1\n#\n1.5 0 0 0 0 0 0 1\n",
+            "line 4: found the time 1500000000 ns, expected a later one than the 2000000000 ns of line 2",
+        );
+    }
+
+    #[test]
+    fn first_pose_of_a_repeated_time_is_used() {
+        let text = "1.0 1 0 0 0 0 0 1\n1.0 2 0 0 0 0 0 1\n1.0 3 0 0 0 0 0 1\n2.0 4 0 0 0 0 0 1\n";
+        let trajectory = parse(text, Path::new("t.txt")).unwrap();
+        let poses = trajectory.poses().iter();
+        let x: Vec<f64> = poses.map(|p| p.world_from_rig.translation_m()[0]).collect();
+        assert_eq!(x, [1.0, 4.0]);
+        // A time that comes back later is out of order.
+        let text = "1.0 1 0 0 0 0 0 1\n2.0 2 0 0 0 0 0 1\n1.0 3 0 0 0 0 0 1\n";
+        let error = parse(text, Path::new("t.txt")).unwrap_err().to_string();
+        assert!(
+            error.contains("a later one than the 2000000000 ns of line 2"),
+            "{error}"
         );
     }
 
