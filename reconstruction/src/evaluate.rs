@@ -54,8 +54,8 @@ pub struct Settings {
 }
 
 impl Default for Settings {
-    /// As in evo: 10 ms, best fit without scale; steps up to a quarter of a second; drift from
-    /// every pose over 10 m and 5 s.
+    /// As in evo: 10 ms, best fit without scale. Not as in evo: drift from every pose over 10 m and
+    /// 5 s ([`relative`](mod@relative)). Steps up to a quarter of a second.
     fn default() -> Self {
         Self {
             alignment: Alignment::Se3,

@@ -31,10 +31,14 @@ pub(crate) struct Arguments {
     /// Covered part of the ground truth's time below which a run counts as lost, percent.
     #[arg(long, value_name = "PERCENT", default_value_t = 95.0, value_parser = positive)]
     least_completion: f64,
-    /// Lengths of the segments over which drift is measured, as in 10m or 5s.
+    /// Lengths of the segments over which drift (RPE) is measured: true path length (10m), time (5s)
+    /// or compared poses (1f). evo_rpe takes 1f with --consecutive by default.
     #[arg(long, value_name = "LENGTH", value_delimiter = ',', default_value = "10m,5s", value_parser = delta)]
     over: Vec<Delta>,
-    /// Measure drift over consecutive segments, as evo does, not from every pose.
+    /// Measure drift over consecutive segments, not from every pose: the pairs of evo_rpe without
+    /// --all_pairs (in metres with --pairs_from_reference). From every pose, a segment in metres
+    /// ends at the first pose beyond its length; with --all_pairs evo takes the pose nearest to it,
+    /// if within 10 %.
     #[arg(long)]
     consecutive: bool,
     /// Which trajectory of a bundle: `trajectory`, `trajectory-causal`. Default: the first of these
@@ -74,8 +78,14 @@ fn delta(text: &str) -> Result<Delta, String> {
     };
     let metres = || Some(Delta::Meters(number(text.strip_suffix('m')?)?));
     let seconds = || Some(Delta::Seconds(number(text.strip_suffix('s')?)?));
-    let found = metres().or_else(seconds);
-    found.ok_or_else(|| "expected metres or seconds, as in 10m or 5s".to_owned())
+    let poses = || match text.strip_suffix('f')?.parse() {
+        Ok(poses) if poses > 0 => Some(Delta::Poses(poses)),
+        _ => None,
+    };
+    let found = metres().or_else(seconds).or_else(poses);
+    found.ok_or_else(|| {
+        "expected metres, seconds or a number of poses, as in 10m, 5s or 1f".to_owned()
+    })
 }
 
 pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode> {
@@ -102,15 +112,15 @@ pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode> {
     let mut runs = Vec::new();
     for (k, path) in arguments.estimates.iter().enumerate() {
         let estimate = files::load(path, arguments.output.as_deref())?;
-        files::check(&estimate, &truth, path)?;
+        let (estimated, truth) = files::comparable(&estimate, &truth, path)?;
         let recorded = estimate
             .has_row_per_set
-            .then(|| clip_to_recording(&truth.trajectory, &estimate.trajectory));
-        let truth = recorded.as_ref().unwrap_or(&truth.trajectory);
+            .then(|| clip_to_recording(truth, estimated));
+        let truth = recorded.as_ref().unwrap_or(truth);
         let cost = arguments.cost.get(k).map(|path| cost(path)).transpose()?;
         runs.push(Run {
             name: name(path, &arguments.estimates),
-            evaluation: evaluate(&estimate.trajectory, truth, &settings),
+            evaluation: evaluate(estimated, truth, &settings),
             cost: cost.unwrap_or_default(),
         });
     }

@@ -31,12 +31,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode> {
             let truth = files::load(path, None)?;
             // A bundle has timestamps; a ground truth without any cannot be compared with it.
             if scene.has(TRAJECTORY) || scene.has(TRAJECTORY_CAUSAL) {
-                let estimate = LoadedTrajectory {
-                    trajectory: scene_bundle::Trajectory::default(),
-                    is_numbered: false,
-                    has_row_per_set: true,
-                };
-                files::check(&estimate, &truth, &arguments.scene)?;
+                let estimate = LoadedTrajectory::timed(scene_bundle::Trajectory::default());
+                files::comparable(&estimate, &truth, &arguments.scene)?;
             }
             Some(truth.trajectory)
         }

@@ -3,7 +3,8 @@
 //! Contract: TUM, KITTI, EuRoC and the truth of a simulated session (`truth.CAMERA.csv`) are
 //! distinguished by their first line of numbers, a scene bundle by being a folder or a
 //! `scene.json`. KITTI poses take their times from a `times.txt` in the same folder; without one
-//! they are numbered, at 10 Hz, and compared with numbered ones only.
+//! they are numbered, at 10 Hz. Numbered poses are compared with numbered ones and, by number, with
+//! a KITTI file that has times and as many poses ([`comparable`]).
 
 use std::path::{Path, PathBuf};
 
@@ -23,6 +24,8 @@ pub struct LoadedTrajectory {
     pub trajectory: Trajectory,
     /// The file has no times: poses are numbered.
     pub is_numbered: bool,
+    /// The poses by number instead of time, of a KITTI file with times.
+    pub by_number: Option<Trajectory>,
     /// Whether it has a row for every frame set, lost ones included, as in a scene bundle: nothing
     /// was recorded outside of its time range.
     pub has_row_per_set: bool,
@@ -64,18 +67,57 @@ pub enum FileError {
         /// The output.
         expected: String,
     },
-    /// One file has times and the other has not.
-    #[error("comparing trajectories: found poses without times, expected some, as the truth has: {}", path.display())]
+    /// Poses without times are compared with those of a file that is not of KITTI's format.
+    #[error(
+        "comparing trajectories: found KITTI poses without a {TIMES} beside them, expected times, as the ground truth \
+         has, or a ground truth in KITTI's format with one pose per frame: {}", path.display()
+    )]
     Numbered {
-        /// The file without.
+        /// The file without times.
         path: PathBuf,
     },
     /// As [`FileError::Numbered`], reversed.
-    #[error("comparing trajectories: found poses with times, expected none, as the truth has: {}", path.display())]
+    #[error(
+        "comparing trajectories: the ground truth is KITTI poses without a {TIMES} beside them; found poses with \
+         times, expected KITTI poses, one per frame (`paws scene export --format kitti`): {}", path.display()
+    )]
     Timed {
         /// The file with times.
         path: PathBuf,
     },
+    /// Two KITTI files, one without times, have different numbers of poses.
+    #[error(
+        "comparing trajectories: found {found} poses, expected {expected}, as the ground truth has: one of the two \
+         KITTI files has no {TIMES} beside it, so poses are compared by number; an export leaves out lost poses; a \
+         {TIMES} beside both, of one clock, allows any number: {}", path.display()
+    )]
+    Lengths {
+        /// The estimate.
+        path: PathBuf,
+        /// Its poses.
+        found: usize,
+        /// Poses of the ground truth.
+        expected: usize,
+    },
+}
+
+impl LoadedTrajectory {
+    /// Poses with times that are not from a KITTI file.
+    pub fn timed(trajectory: Trajectory) -> Self {
+        Self {
+            trajectory,
+            is_numbered: false,
+            by_number: None,
+            has_row_per_set: false,
+        }
+    }
+
+    fn numbered(&self) -> Option<&Trajectory> {
+        match self.is_numbered {
+            true => Some(&self.trajectory),
+            false => self.by_number.as_ref(),
+        }
+    }
 }
 
 /// Reads the trajectory of a path. `output` is which one of a bundle; by default `trajectory`,
@@ -91,11 +133,7 @@ pub fn load(path: &Path, output: Option<&str>) -> Result<LoadedTrajectory, FileE
         path: path.to_owned(),
         source,
     })?;
-    let timed = |trajectory| LoadedTrajectory {
-        trajectory,
-        is_numbered: false,
-        has_row_per_set: false,
-    };
+    let timed = LoadedTrajectory::timed;
     let lines = text.trim_start_matches('\u{feff}').lines().map(str::trim);
     let first = lines.clone().find(|l| !l.is_empty() && !l.starts_with('#'));
     let first = first.unwrap_or_default();
@@ -127,20 +165,30 @@ pub fn load(path: &Path, output: Option<&str>) -> Result<LoadedTrajectory, FileE
     }
 }
 
-/// Whether two can be compared; `path` is that of the estimate.
+/// The poses of an estimate and of the ground truth that are compared: by time if both have times,
+/// or neither; by number if one of two KITTI files has none and they have as many poses. `path` is
+/// that of the estimate.
 ///
 /// # Errors
-/// [`FileError::Numbered`], [`FileError::Timed`].
-pub fn check(
-    estimate: &LoadedTrajectory,
-    truth: &LoadedTrajectory,
+/// [`FileError::Numbered`], [`FileError::Timed`], [`FileError::Lengths`].
+pub fn comparable<'a>(
+    estimate: &'a LoadedTrajectory,
+    truth: &'a LoadedTrajectory,
     path: &Path,
-) -> Result<(), FileError> {
+) -> Result<(&'a Trajectory, &'a Trajectory), FileError> {
+    if estimate.is_numbered == truth.is_numbered {
+        return Ok((&estimate.trajectory, &truth.trajectory));
+    }
     let path = path.to_owned();
-    match (estimate.is_numbered, truth.is_numbered) {
-        (true, false) => Err(FileError::Numbered { path }),
-        (false, true) => Err(FileError::Timed { path }),
-        _ => Ok(()),
+    match (estimate.numbered(), truth.numbered()) {
+        (Some(estimate), Some(truth)) if estimate.len() == truth.len() => Ok((estimate, truth)),
+        (Some(estimate), Some(truth)) => Err(FileError::Lengths {
+            path,
+            found: estimate.len(),
+            expected: truth.len(),
+        }),
+        _ if estimate.is_numbered => Err(FileError::Numbered { path }),
+        _ => Err(FileError::Timed { path }),
     }
 }
 
@@ -156,27 +204,26 @@ fn of_bundle(path: &Path, output: Option<&str>) -> Result<LoadedTrajectory, File
             expected: wanted.join(" or "),
         });
     };
+    let trajectory = outputs::trajectory::read(&scene.output(name)?)?;
     Ok(LoadedTrajectory {
-        trajectory: outputs::trajectory::read(&scene.output(name)?)?,
-        is_numbered: false,
         has_row_per_set: true,
+        ..LoadedTrajectory::timed(trajectory)
     })
 }
 
 fn of_kitti(path: &Path, text: &str) -> Result<LoadedTrajectory, FileError> {
+    let poses = kitti::parse_poses(text, path)?.into_iter().enumerate();
+    let poses = poses.map(|(n, pose)| Pose::new(n as i64 * NUMBERED_PERIOD_NS, pose));
+    let numbered = Trajectory::new(poses.collect()).expect("numbers rise");
     let times = path.with_file_name(TIMES);
     if times.is_file() {
         return Ok(LoadedTrajectory {
-            trajectory: kitti::read(path, &times)?,
-            is_numbered: false,
-            has_row_per_set: false,
+            by_number: Some(numbered),
+            ..LoadedTrajectory::timed(kitti::read(path, &times)?)
         });
     }
-    let poses = kitti::parse_poses(text, path)?.into_iter().enumerate();
-    let poses = poses.map(|(n, pose)| Pose::new(n as i64 * NUMBERED_PERIOD_NS, pose));
     Ok(LoadedTrajectory {
-        trajectory: Trajectory::new(poses.collect()).expect("numbers rise"),
         is_numbered: true,
-        has_row_per_set: false,
+        ..LoadedTrajectory::timed(numbered)
     })
 }

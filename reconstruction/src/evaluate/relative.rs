@@ -1,10 +1,13 @@
 //! Drift: relative pose error (RPE) over a distance or a time.
 //!
 //! Contract: a segment goes from one pair to the first one that is at least the delta further, by
-//! true path length or by time; its error takes the true motion to the estimated one (RPE; Sturm et
-//! al. 2012, Geiger et al. 2012). The next segment begins where the last one ended, as in evo
-//! (`pairs_from_reference`), or, overlapping, at every pose. A segment may contain lost poses;
-//! their path length counts as well.
+//! true path length, by time or by compared poses; its error takes the true motion to the estimated
+//! one (RPE; Sturm et al. 2012, Geiger et al. 2012). The next segment begins where the last one
+//! ended, as `evo_rpe` pairs poses by default and over metres with `--pairs_from_reference`, or,
+//! overlapping, at every pose. Overlapping segments in metres are not those of `evo_rpe
+//! --all_pairs`, whose end is the pose nearest to the delta, if within 10 % of it; in poses they
+//! are the same. `evo_rpe` has no segments in seconds, and its default is one pose. A segment may
+//! contain lost poses; their path length counts as well.
 
 use serde::Serialize;
 
@@ -39,6 +42,8 @@ impl std::fmt::Display for Delta {
 pub struct Relative {
     /// Length of the segments.
     pub delta: Delta,
+    /// Whether segments start at every pose, not only at the end of the previous one.
+    pub overlapping: bool,
     /// m.
     pub translation_m: Option<Statistics>,
     /// rad.
@@ -78,6 +83,7 @@ pub(crate) fn relative(pairs: &[Pair], delta: Delta, overlapping: bool) -> Relat
     };
     Relative {
         delta,
+        overlapping,
         translation_m: of(&|stretch| error(stretch).distance_m()),
         rotation_rad: of(&|stretch| error(stretch).angle_rad()),
         share: Statistics::of(shares.collect()),

@@ -406,7 +406,7 @@ fn real_trajectories_have_the_errors_that_evo_gives() {
     for evo in EVO {
         let load = |name: &str| files::load(&folder.join(name), None).expect("a trajectory");
         let (estimate, truth) = (load(evo.estimate), load(evo.truth));
-        files::check(&estimate, &truth, &folder).expect("of one kind");
+        files::comparable(&estimate, &truth, &folder).expect("of one kind");
         let settings = Settings {
             deltas: vec![Delta::Meters(1.0), Delta::Poses(10)],
             overlapping: false,
@@ -466,8 +466,12 @@ fn formats_are_recognized_by_content() {
     let numbered = load(&kitti).expect("KITTI");
     assert!(numbered.is_numbered && numbered.trajectory.len() == 20);
     assert!(matches!(
-        files::check(&numbered, &load(&tum).expect("TUM"), &kitti),
+        files::comparable(&numbered, &load(&tum).expect("TUM"), &kitti),
         Err(files::FileError::Numbered { .. })
+    ));
+    assert!(matches!(
+        files::comparable(&load(&tum).expect("TUM"), &numbered, &tum),
+        Err(files::FileError::Timed { .. })
     ));
     write("times.txt", &times);
     let timed = load(&kitti).expect("KITTI");
@@ -496,4 +500,41 @@ fn formats_are_recognized_by_content() {
     let empty = load(&write("empty", "")).unwrap_err().to_string();
     assert!(empty.contains("found \"\""), "{empty}");
     assert!(load(&folder.path().join("none")).is_err());
+}
+
+/// Our export has times, and KITTI's ground truth (`poses/00.txt`) has none: what is compared is
+/// the pose of each frame.
+#[test]
+fn kitti_export_with_times_is_compared_with_ground_truth_without() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let write = |name: &str, text: &str| {
+        let path = folder.path().join(name);
+        std::fs::create_dir_all(path.parent().expect("a folder")).expect("a folder");
+        std::fs::write(&path, text).expect("a file");
+        path
+    };
+    let walk = truth(50);
+    let (rows, times) = scene_bundle::formats::kitti::to_text(&walk);
+    let export = write("export/poses.txt", &rows);
+    write("export/times.txt", &times);
+    let dataset = write("dataset/00.txt", &rows);
+    let load = |path: &Path| files::load(path, None).expect("KITTI");
+    let (timed, numbered) = (load(&export), load(&dataset));
+    assert!(!timed.is_numbered && numbered.is_numbered);
+    for (estimate, truth) in [(&timed, &numbered), (&numbered, &timed)] {
+        let (estimate, truth) = files::comparable(estimate, truth, &export).expect("by number");
+        let found = evaluate(estimate, truth, &with(Alignment::None));
+        assert_eq!(found.matched, 50);
+        assert!(found.absolute.expect("compared").translation_m.max < 1e-12);
+    }
+
+    // An export without one of the poses: which one is not known.
+    let short = rows.lines().skip(1).collect::<Vec<_>>().join("\n");
+    let short = load(&write("dataset/short.txt", &short));
+    let error = files::comparable(&timed, &short, &export).unwrap_err();
+    let error = error.to_string();
+    assert!(
+        error.contains("found 50 poses, expected 49") && error.contains("compared by number"),
+        "{error}"
+    );
 }

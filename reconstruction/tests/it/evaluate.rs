@@ -103,6 +103,20 @@ fn the_table_has_the_errors_and_names_the_worst_run() {
         "{text}"
     );
 
+    assert!(
+        text.contains(
+            "over segments from every pose; evo_rpe's default is --over 1f --consecutive"
+        ),
+        "{text}"
+    );
+    let consecutive = ["--over", "1f", "--consecutive"];
+    let output = run(&[&[&bad[..], "--truth", &truth_file], &consecutive[..]].concat());
+    let text = stdout(&output);
+    assert!(
+        text.contains("1 poses: m") && text.contains("over consecutive segments"),
+        "{text}"
+    );
+
     let output = run(&[&good, &half, &bad, "--truth", &truth_file]);
     assert_eq!(output.status.code(), Some(3), "{output:?}");
     let text = stdout(&output);
@@ -144,7 +158,10 @@ fn the_table_has_the_errors_and_names_the_worst_run() {
     let output = run(&[&rows, "--truth", &truth_file]);
     assert_eq!(output.status.code(), Some(1));
     let errors = String::from_utf8_lossy(&output.stderr).into_owned();
-    assert!(errors.contains("found poses without times"), "{errors}");
+    assert!(
+        errors.contains("found KITTI poses without a times.txt"),
+        "{errors}"
+    );
     assert_eq!(run(&[&rows, "--truth", &rows]).status.code(), Some(0));
     for wrong in [
         vec!["--truth", &truth_file],

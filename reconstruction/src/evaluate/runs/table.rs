@@ -27,7 +27,21 @@ pub(super) fn text(runs: &Runs) -> String {
         text += line.join("  ").trim_end();
         text.push('\n');
     }
-    text + &summary(runs)
+    text + &drift_note(runs) + &summary(runs)
+}
+
+/// How the segments of drift are chosen: not as evo does by default.
+fn drift_note(runs: &Runs) -> String {
+    let mut all = runs.runs.iter().flat_map(|run| &run.evaluation.relative);
+    match all.next() {
+        Some(first) if first.overlapping => {
+            "drift: root mean square over segments from every pose; evo_rpe's default is --over 1f \
+             --consecutive\n"
+                .to_owned()
+        }
+        Some(_) => "drift: root mean square over consecutive segments\n".to_owned(),
+        None => String::new(),
+    }
 }
 
 fn heads(deltas: &[Delta]) -> Vec<String> {
