@@ -12,6 +12,8 @@
 //! - *within*: consistent, and smaller than the stated minimum detectable error;
 //! - *silent*: consistent, although larger than that. There should be none.
 //!
+//! The same with right cameras rotated in real recordings ([`real`]).
+//!
 //! Walks take most of the time. With `--cache DIR` their observations are stored there.
 
 use std::fs;
@@ -25,6 +27,8 @@ use serde::Serialize;
 use serde_json::json;
 
 mod charts;
+mod infinity;
+mod real;
 
 use crate::meter::timed;
 use crate::stamp;
@@ -35,7 +39,7 @@ const QUICK_WALKS: usize = 6;
 const FIRST_SEED: u64 = 5000;
 /// Rotations of cameras and of right cameras (degrees), time offsets (ms).
 const ROTATIONS_DEG: [f64; 9] = [0.1, 0.2, 0.3, 0.4, 0.5, 0.7, 1.0, 1.5, 2.0];
-const STEREO_ROTATIONS_DEG: [f64; 5] = [0.05, 0.1, 0.2, 0.5, 1.0];
+const STEREO_ROTATIONS_DEG: [f64; 6] = [0.05, 0.1, 0.2, 0.3, 0.5, 1.0];
 const TIME_OFFSETS_MS: [f64; 6] = [0.5, 1.0, 2.0, 3.0, 5.0, 10.0];
 
 /// Outcome of a point.
@@ -57,6 +61,9 @@ struct Point {
     /// Degrees or ms.
     size: f64,
     outcome: Outcome,
+    /// Error of the estimate over its sigma, largest of three axes, of a right camera that is
+    /// determined.
+    score: Option<f64>,
 }
 
 /// One unmodified walk.
@@ -116,9 +123,11 @@ pub(crate) fn run(args: &[String]) -> Result<()> {
         clean.push(as_it_is);
         points.extend(wrong_points(&walk, &found, number));
     }
+    let real = real::run()?;
     let report = json!({
         "benchmark": "calib_verify",
         "stamp": stamp,
+        "real": real,
         "walks": clean,
         "false_alarms": clean.iter().filter(|c| !c.alarms.is_empty()).count(),
         "wrong": table(&points),
@@ -254,15 +263,33 @@ fn wrong_points(walk: &Walk, found: &[CameraEstimate], number: usize) -> Vec<Poi
         let clocks =
             TIME_OFFSETS_MS.map(|ms| (Parameter::Clock, ms, NominalError::Clock(k, late(ms))));
         let all = turns.into_iter().chain(eyes).chain(images).chain(clocks);
-        points.extend(all.map(|(what, size, wrong)| Point {
-            walk: number,
-            what,
-            camera: name.to_owned(),
-            size,
-            outcome: outcome(&walk.verify(&wrong, found), what, name, size),
+        points.extend(all.map(|(what, size, wrong)| {
+            let verification = walk.verify(&wrong, found);
+            let outcome = outcome(&verification, what, name, size);
+            let score = match wrong {
+                NominalError::StereoRotation(_, rad) if outcome != Outcome::Undetermined => {
+                    score(&verification.cameras[k], rad)
+                }
+                _ => None,
+            };
+            Point {
+                walk: number,
+                what,
+                camera: name.to_owned(),
+                size,
+                outcome,
+                score,
+            }
         }));
     }
     points
+}
+
+/// Error of the rotation of a right camera over its sigma, largest of three axes.
+fn score(found: &CameraEstimate, actual_rad: [f64; 3]) -> Option<f64> {
+    let eyes = found.eyes.as_ref()?;
+    let scores = (0..3).map(|k| (eyes.rotation_rad[k] - actual_rad[k]).abs() / eyes.sigma_rad[k]);
+    scores.reduce(f64::max)
 }
 
 fn outcome(verification: &Verification, what: Parameter, camera: &str, size: f64) -> Outcome {
@@ -295,6 +322,10 @@ struct Row {
     undetermined: usize,
     within: usize,
     silent: usize,
+    /// Right cameras: error over sigma, largest of all; number beyond three.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    worst_score: Option<f64>,
+    beyond_three_sigmas: usize,
     /// Walks and cameras of those that are neither named nor flagged, where they are few.
     missed: Vec<String>,
 }
@@ -302,8 +333,12 @@ struct Row {
 impl Row {
     fn line(&self) -> String {
         let unit = if self.what.is_rotation() { "deg" } else { "ms" };
+        let scores = self.worst_score.map_or_else(String::new, |worst| {
+            let beyond = self.beyond_three_sigmas;
+            format!(", beyond three sigmas {beyond}, worst {worst:.1}")
+        });
         format!(
-            "{:?} {} {unit}: named {}, flagged {}, undetermined {}, within {}, silent {}",
+            "{:?} {} {unit}: named {}, flagged {}, undetermined {}, within {}, silent {}{scores}",
             self.what,
             self.size,
             self.named,
@@ -327,6 +362,7 @@ fn table(points: &[Point]) -> Vec<Row> {
         for size in sizes {
             let [named, flagged, undetermined, within, silent] = counts(points, what, *size);
             let own = points.iter().filter(|p| p.what == what && p.size == *size);
+            let scores = own.clone().filter_map(|p| p.score);
             let missed = own.filter(|p| !matches!(p.outcome, Outcome::Named | Outcome::Flagged));
             let mut missed: Vec<String> =
                 missed.map(|p| format!("{} {}", p.walk, p.camera)).collect();
@@ -341,6 +377,8 @@ fn table(points: &[Point]) -> Vec<Row> {
                 undetermined,
                 within,
                 silent,
+                worst_score: scores.clone().reduce(f64::max),
+                beyond_three_sigmas: scores.filter(|s| *s > 3.0).count(),
                 missed,
             });
         }

@@ -29,8 +29,11 @@ mod findings;
 mod gyro;
 mod gyro_pairs;
 mod motion;
+mod pair;
+mod parallax;
 mod pyramid;
 mod robust;
+mod segment;
 mod stereo;
 #[cfg(test)]
 mod tests;
@@ -42,7 +45,7 @@ pub use camera_estimate::CameraEstimate;
 pub use camera_imu::CameraImu;
 pub use config::{
     BurstConfig, CameraImuConfig, Config, CornerConfig, DecisionConfig, GyroPairConfig,
-    MotionConfig, ReadoutConfig, SearchConfig, StereoConfig, TrackingConfig,
+    MotionConfig, ParallaxConfig, ReadoutConfig, SearchConfig, StereoConfig, TrackingConfig,
 };
 pub use findings::{Finding, Parameter, Status};
 pub use gyro::Gyro;
@@ -85,7 +88,7 @@ pub fn verify(cameras: &[Camera<'_>], tolerances: &Tolerances, config: &Config) 
 /// Compares one camera's eyes, and the camera with its own gyroscope. The pose of the camera on the
 /// rig is not used.
 pub fn compare(camera: &Camera<'_>, config: &Config) -> CameraEstimate {
-    let eyes = stereo::estimate(camera.nominal, camera.bursts, &config.stereo);
+    let eyes = stereo::estimate(camera, config);
     let imu = eyes
         .as_ref()
         .zip(camera.gyro)

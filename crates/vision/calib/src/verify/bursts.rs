@@ -2,7 +2,8 @@
 //!
 //! Contract: the session is divided into equal parts with one burst each. Within its part, a burst
 //! is placed where the rotation rate changes most, but not so fast that images blur. The selection
-//! depends on the gyroscopes alone; without them, each burst is in the middle of its part.
+//! depends on the gyroscopes alone; without them, each burst is in the middle of its part. A session
+//! shorter than a burst is one burst.
 
 use super::config::BurstConfig;
 use super::gyro::Gyro;
@@ -17,6 +18,9 @@ pub fn choose_bursts(
     config: &BurstConfig,
 ) -> Vec<[i64; 2]> {
     let [start, end] = span_ns;
+    if end > start && end - start < length_ns && count > 0 {
+        return vec![span_ns];
+    }
     let fit = ((end - start) / length_ns.max(1)).max(0);
     let count = (count as i64).min(fit);
     let part = (end - start) / count.max(1);

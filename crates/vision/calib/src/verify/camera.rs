@@ -45,7 +45,7 @@ impl Default for Tolerances {
         Self {
             joint_rad: 0.07_f64.to_radians(),
             imu_rad: 0.07_f64.to_radians(),
-            eyes_rad: 0.04_f64.to_radians(),
+            eyes_rad: 0.03_f64.to_radians(),
             clock_s: 3e-4,
         }
     }

@@ -7,7 +7,6 @@
 //! rate leaves the time offset open; both appear as large variances.
 
 use cad_transforms::so3;
-use camera_models::Lens;
 use nalgebra::{Matrix3, SMatrix, SVector, UnitQuaternion, Vector3};
 
 use serde::Serialize;
@@ -15,10 +14,12 @@ use serde::Serialize;
 use super::camera;
 use super::config::{CameraImuConfig, Config, MotionConfig};
 use super::gyro::{Gyro, Integrated};
-use super::motion::{ByLine, RotationEstimate, SegmentFeature, Start, solve};
-use super::robust::{Grouped, median, sigmas_of, tukey};
-use super::stereo::{StereoAlignment, StereoPair};
-use super::tracks::{Burst, TrackSegment};
+use super::motion::{RotationEstimate, Start, solve};
+use super::pair::StereoPair;
+use super::robust::{Grouped, combine, median, sigmas_of, tukey};
+use super::segment::{Attitude, GyroAttitude, segment_features};
+use super::stereo::StereoAlignment;
+use super::tracks::Burst;
 
 /// Result; see the module.
 #[derive(Clone, Debug, Serialize)]
@@ -89,12 +90,10 @@ pub(super) fn estimate(
     let (nominal, line_s, bursts) = (of.nominal, of.line_s, of.bursts);
     let motion = &config.motion;
     let config = &config.camera_imu;
-    let mut pair = StereoPair::new(nominal);
-    (pair.turn, pair.origin) = eyes.right_from_left;
     let mut camera = Camera {
         config,
         motion,
-        pair,
+        pair: eyes.pair.clone(),
         line_s: line_s.unwrap_or(0.0),
         nominal: *nominal.imu.as_ref()?.imu_from_left.rotation(),
         gyro,
@@ -123,16 +122,14 @@ pub(super) fn estimate(
             return None;
         }
         if round < 2 {
-            offset = combine(
-                &rotations,
-                |k| k.rotation.offset,
-                [0.0, config.yaw_sigma_rad / baseline],
-            );
+            let offsets: Vec<[f64; 2]> = rotations.iter().map(|k| k.rotation.offset).collect();
+            offset = combine(&offsets, [0.0, config.yaw_sigma_rad / baseline]);
             if line_s.is_none() {
                 let so_far = camera.line_s;
-                let of =
-                    |k: &SegmentRotation| [so_far + k.rotation.line_s[0], k.rotation.line_s[1]];
-                let [line_s, sigma] = combine(&rotations, of, [so_far, line_sigma_s]);
+                let lines: Vec<[f64; 2]> = (rotations.iter().map(|k| k.rotation.line_s))
+                    .map(|[line_s, variance]| [so_far + line_s, variance])
+                    .collect();
+                let [line_s, sigma] = combine(&lines, [so_far, line_sigma_s]);
                 let is_seen = line_s.abs() > config.readout.min_significance_sigma * sigma;
                 camera.line_s = if is_seen { line_s } else { 0.0 };
                 let left = if is_seen { 0.0 } else { line_s };
@@ -196,72 +193,25 @@ impl Camera<'_> {
                 let Some(turn) = predicted(state, &gyro, times_ns) else {
                     continue;
                 };
-                let seen = self.segment_features(of, state, &gyro);
+                let attitude = state.attitude(&gyro);
+                let seen =
+                    segment_features(of, &self.pair, self.line_s, &attitude, self.motion);
                 let start = Start {
                     rotation: turn,
                     error_px,
                     offset,
                     line_sigma_s,
                 };
-                rotations.extend(solve(&seen, &start, self.motion).map(|rotation| {
+                rotations.extend(solve(&seen, &start, self.motion).map(|solution| {
                     SegmentRotation {
                         group,
                         times_ns,
-                        rotation,
+                        rotation: solution.estimate,
                     }
                 }));
             }
         }
         rotations
-    }
-
-    fn segment_features(
-        &self,
-        of: &TrackSegment,
-        state: &State,
-        gyro: &Integrated<'_>,
-    ) -> Vec<SegmentFeature> {
-        let lens = &self.pair.lenses[0];
-        let middle = 0.5 * f64::from(lens.model().height - 1);
-        let seconds = (of.to_ns - of.from_ns) as f64 * 1e-9;
-        let seen = of.features.iter().filter_map(|feature| {
-            let later = feature.later?;
-            let first = Vector3::from(lens.unproject(feature.left)?);
-            let placed = self.pair.triangulate(&first, feature.right?)?;
-            let px_per_rad = px_per_rad(lens, later)?;
-            let ray = Vector3::from(lens.unproject(later)?);
-            let rows = [feature.left[1], later[1]].map(|row| row - middle);
-            // Transfers a ray from the exposure of its row to that of the middle row; with the
-            // derivative with respect to the line time.
-            let at_once = |ray: Vector3<f64>, time_ns: i64, row: f64| {
-                let time_ns = time_ns as f64;
-                let row_ns = row * self.line_s * 1e9;
-                let turn = predicted(state, gyro, [time_ns + row_ns, time_ns])?;
-                let rate = gyro.rate(time_ns - state.time_offset_s * 1e9)?;
-                let rate = state.imu_from_left.inverse() * rate;
-                let at_once = turn * ray;
-                Some((at_once, rate.cross(&at_once) * row))
-            };
-            let (first, first_by_line) = at_once(first, of.from_ns, rows[0])?;
-            let (ray, later_by_line) = at_once(ray, of.to_ns, rows[1])?;
-            let by_line = ByLine {
-                ray: first_by_line,
-                later: later_by_line,
-                motion_ratio: (rows[1] - rows[0]) / seconds,
-                after_s: 0.5 * (rows[0] + rows[1]),
-            };
-            Some(SegmentFeature {
-                ray: first,
-                per_metre: placed.per_metre,
-                sigma_per_metre: self.motion.disparity_sigma_px / placed.px_per,
-                later: ray,
-                px_per_rad,
-                motion_ratio: 1.0 + by_line.motion_ratio * self.line_s,
-                after_s: by_line.after_s * self.line_s,
-                by_line,
-            })
-        });
-        seen.collect()
     }
 
     /// Aligns the state with the measured rotations. Returns the covariance and the number of
@@ -289,7 +239,7 @@ impl Camera<'_> {
             towards[6] = -state.time_offset_s;
             let off = Vector3::repeat(1.0) - state.scale;
             towards.fixed_rows_mut::<3>(7).copy_from(&off);
-            let mut sum = Grouped::<10>::new(self.bursts.len(), &sigmas, &towards);
+            let mut sum = Grouped::<10>::new(&[self.bursts.len()], &sigmas, &towards);
             let gyro = self.integrated(state);
             let compared = |segment: &SegmentRotation| {
                 let (error, by) = residual(state, &gyro, segment)?;
@@ -312,7 +262,7 @@ impl Camera<'_> {
                     let weight = weight * kept / (scale * scale);
                     changes += (by.column(6).transpose() * weight * by.column(6))[0];
                     by_noise += noise * weight.trace();
-                    sum.add(group, &error, &by, &weight);
+                    sum.add(&[group], &error, &by, &weight);
                 }
             }
             if used < config.min_segments || used * 2 < rotations.len() {
@@ -366,9 +316,17 @@ fn predicted(
     gyro: &Integrated<'_>,
     [from_ns, to_ns]: [f64; 2],
 ) -> Option<UnitQuaternion<f64>> {
-    let late_ns = state.time_offset_s * 1e9;
-    let turn = gyro.to_from(to_ns - late_ns, from_ns - late_ns)?;
-    Some(state.imu_from_left.inverse() * turn * state.imu_from_left)
+    state.attitude(gyro).to_from(to_ns, from_ns)
+}
+
+impl State {
+    fn attitude<'a>(&self, gyro: &'a Integrated<'a>) -> GyroAttitude<'a> {
+        GyroAttitude {
+            imu_from_left: self.imu_from_left,
+            late_ns: self.time_offset_s * 1e9,
+            gyro,
+        }
+    }
 }
 
 /// Residual of a segment's rotation, and the Jacobian of the predicted rotation.
@@ -399,42 +357,4 @@ fn residual(
     by.fixed_columns_mut::<3>(7)
         .copy_from(&(by_angle * Matrix3::from_diagonal(&sum)));
     Some((error, by))
-}
-
-/// Combines the estimates of a common parameter from all segments, given its prior mean and sigma;
-/// returns the value and its standard deviation.
-fn combine(
-    rotations: &[SegmentRotation],
-    of: impl Fn(&SegmentRotation) -> [f64; 2],
-    before: [f64; 2],
-) -> [f64; 2] {
-    let mut values: Vec<f64> = rotations.iter().map(|k| of(k)[0]).collect();
-    let middle = median(&mut values);
-    let [expected, sigma] = before;
-    let prior = 1.0 / (sigma * sigma);
-    let (mut weights, mut sum) = (prior, prior * expected);
-    for k in rotations {
-        let [value, variance] = of(k);
-        // Every estimate contains the prior; it is removed.
-        let own = (1.0 / variance - prior).max(0.0);
-        let weight = own * tukey(0.5 * (value - middle) / variance.sqrt());
-        let free = (value / variance - prior * expected) / own.max(1e-9 * prior);
-        weights += weight;
-        sum += weight * free;
-    }
-    // Inflated: segments are correlated.
-    [sum / weights, 2.0 / weights.sqrt()]
-}
-
-/// Pixels per radian around a pixel.
-fn px_per_rad(lens: &Lens, pixel: [f64; 2]) -> Option<f64> {
-    let ray = lens.unproject(pixel)?;
-    let by_point = lens.project_with_jacobians(ray)?.by_point;
-    // Both singular values belong to directions normal to the ray, which has length 1.
-    Some(
-        (by_point * by_point.transpose())
-            .determinant()
-            .sqrt()
-            .sqrt(),
-    )
 }

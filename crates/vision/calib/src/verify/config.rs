@@ -17,6 +17,8 @@ config! {
         pub tracking: TrackingConfig = TrackingConfig::default(),
         /// Rotation of the right eye against the left one.
         pub stereo: StereoConfig = StereoConfig::default(),
+        /// Distances by the motion of the left eye.
+        pub parallax: ParallaxConfig = ParallaxConfig::default(),
         /// Rotation of a camera in one track segment.
         pub motion: MotionConfig = MotionConfig::default(),
         /// Camera against its own gyroscope.
@@ -109,12 +111,15 @@ config! {
         pub min_inlier_ratio: f64 = 0.3,
         /// Prior sigma of the rotation about each axis, rad.
         pub rotation_sigma_rad: f64 = 0.05,
-        /// Prior sigma of the right eye's centre, normal to the baseline, m. Larger makes near
-        /// points useless.
-        pub centre_sigma_m: f64 = 3e-4,
-        /// Prior sigma of the decentring `p2`, right lens minus left lens. The equivalent yaw is
-        /// twice that, and is added to the sigma of yaw: lower is overconfident in it.
-        pub decentring_sigma: f64 = 5e-4,
+        /// Prior sigma of the right eye's centre normal to the baseline, over the baseline. Larger
+        /// makes near points useless.
+        pub centre_sigma_ratio: f64 = 5e-3,
+        /// Prior sigma of the difference between the lenses: focal length (relative), `k1`, `p1`,
+        /// `p2`. Rows alone determine yaw to twice that. Lower takes a lens for a yaw. Source: the
+        /// rectified pictures of `KITTI_sequence_1`, whose rows differ by a `p2` of 5e-3.
+        pub lens_sigma: f64 = 3e-3,
+        /// Columns and rows of the image regions within which errors may be correlated.
+        pub regions: [usize; 2] = [6, 4],
         /// Number of iterations of reweighting.
         pub rounds: usize = 12,
         /// Sigma floor, px, common to all matches: corners have small systematic errors that differ
@@ -122,6 +127,20 @@ config! {
         pub sigma_floor_px: f64 = 0.03,
         /// Minimum spread of residuals, px.
         pub min_spread_px: f64 = 0.05,
+    }
+
+    /// Distances by the motion of the left eye.
+    pub struct ParallaxConfig {
+        /// Number of iterations for a start: each segment apart.
+        pub start_rounds: usize = 2,
+        /// Number of iterations of all together.
+        pub rounds: usize = 3,
+        /// Minimum median displacement of the features of a segment by translation, px.
+        pub min_parallax_px: f64 = 2.0,
+        /// Pixel errors that the uncertainty of the initial rotation may cause: with a gyroscope,
+        /// and without.
+        pub predicted_error_px: f64 = 6.0,
+        pub unpredicted_error_px: f64 = 40.0,
     }
 
     /// Rotation of a camera in one track segment.
@@ -135,8 +154,8 @@ config! {
         pub inlier_sigma: f64 = 3.0,
         /// Number of RANSAC samples of two features.
         pub ransac_samples: u64 = 80,
-        /// Maximum translation of a sample, m: a walking person in a segment.
-        pub max_translation_m: f64 = 3.0,
+        /// Maximum translation of a sample, m: a walking person or a car in a segment.
+        pub max_translation_m: f64 = 10.0,
         /// Standard deviation of a tracked feature, px.
         pub corner_sigma_px: f64 = 0.2,
         /// Standard deviation of a disparity, px.

@@ -84,34 +84,77 @@ fn square(m: &Matrix3<f64>) -> DMatrix<f64> {
     DMatrix::from_iterator(3, 3, m.iter().copied())
 }
 
+/// Rotations of right eyes. Directions that are not determined do not hide an error in the others,
+/// which are tested alone.
 fn eyes(
     found: &[CameraEstimate],
     tolerances: &Tolerances,
     config: &DecisionConfig,
 ) -> Vec<Finding> {
     let of = |camera: &CameraEstimate| {
-        let mut measured = Measured::default();
-        if let Some(eyes) = &camera.eyes {
-            measured.add(
-                DMatrix::identity(3, 3),
-                DVector::from_column_slice(&eyes.rotation_rad),
-                square(&eyes.covariance),
-            );
-        }
-        let block = ParameterBlock {
-            first: 0,
-            size: 3,
-            sigma: tolerances.eyes_rad,
+        let finding = |decision, basis: &DMatrix<f64>| {
+            let shown = |v: Vec<f64>| (basis * DVector::from_vec(v)).as_slice().to_vec();
+            let name = &camera.name;
+            finding(Parameter::StereoRotation, name, decision, &[], shown, config)
         };
-        let decision = measured.judge(&[block], config).remove(0);
-        finding(
-            Parameter::StereoRotation,
-            &camera.name,
-            decision,
-            &[],
-            |v| v,
-            config,
-        )
+        let whole = DMatrix::identity(3, 3);
+        let Some(eyes) = &camera.eyes else {
+            return finding(Decision::Unmeasured, &whole);
+        };
+        let judge = |basis: &DMatrix<f64>| {
+            let size = basis.ncols();
+            let mut measured = Measured::default();
+            measured.add(
+                DMatrix::identity(size, size),
+                basis.transpose() * DVector::from_column_slice(&eyes.rotation_rad),
+                basis.transpose() * square(&eyes.covariance) * basis,
+            );
+            let block = ParameterBlock {
+                first: 0,
+                size,
+                sigma: tolerances.eyes_rad,
+            };
+            finding(measured.judge(&[block], config).remove(0), basis)
+        };
+        let mut all = judge(&whole);
+        let axes = eyes.covariance.symmetric_eigen();
+        let is_determined = |k: &usize| {
+            let axis = axes.eigenvectors.column(*k).into_owned();
+            judge(&DMatrix::from_column_slice(3, 1, axis.as_slice())).status != Status::Undetermined
+        };
+        let (seen, unseen): (Vec<usize>, Vec<usize>) = (0..3).partition(is_determined);
+        if all.status == Status::Consistent || seen.is_empty() || unseen.is_empty() {
+            if all.status == Status::Undetermined {
+                all.text = format!("{}: {}", all.text, eyes.remedy());
+            }
+            return all;
+        }
+        let basis = DMatrix::from_fn(3, seen.len(), |row, k| axes.eigenvectors[(row, seen[k])]);
+        let part = judge(&basis);
+        let largest = |axis: Vector3<f64>| ["x", "y", "z"][axis.iamax()];
+        let unseen: Vec<&str> = unseen
+            .iter()
+            .map(|k| largest(axes.eigenvectors.column(*k).into_owned()))
+            .collect();
+        let unseen = format!(
+            "about its {} not determined by this recording, minimum detectable {:.2}\u{b0}: {}",
+            unseen.join(" and "),
+            all.min_detectable.to_degrees(),
+            eyes.remedy()
+        );
+        match (all.status, part.status) {
+            (_, Status::Inconsistent) => Finding {
+                text: format!("{}; {unseen}", part.text),
+                min_detectable: all.min_detectable,
+                ..part
+            },
+            (Status::Undetermined, _) => {
+                let others = part.text.replacen("nominal", "otherwise nominal", 1);
+                all.text = format!("{others}; {unseen}");
+                all
+            }
+            _ => all,
+        }
     };
     found.iter().map(of).collect()
 }

@@ -115,7 +115,7 @@ pub(super) fn estimate(
             1.0 + now[5],
         );
         let b_of_a = turn.to_rotation_matrix().into_inner() * nominal;
-        let mut sum = Grouped::<PARAMETERS>::new(blocks as usize, &sigmas, &-now);
+        let mut sum = Grouped::<PARAMETERS>::new(&[blocks as usize], &sigmas, &-now);
         let mut sizes = Vec::with_capacity(3 * windows.len());
         for (group, at, sum_b) in &windows {
             let (at_a, end_a) = (
@@ -154,7 +154,7 @@ pub(super) fn estimate(
             };
             by.set_column(15, &(b_of_a * (shape * (first - end))));
             let weight = Matrix3::identity() * (kept / (spread * spread));
-            sum.add(*group, &error, &by, &weight);
+            sum.add(&[*group], &error, &by, &weight);
         }
         now += sum.step()?;
         seen.keep(&mut now);
