@@ -61,8 +61,7 @@ struct Point {
     /// Degrees or ms.
     size: f64,
     outcome: Outcome,
-    /// Error of the estimate over its sigma, largest of three axes, of a right camera that is
-    /// determined.
+    /// Error of the estimate over its sigma, largest of three axes, of a right camera.
     score: Option<f64>,
 }
 
@@ -267,9 +266,7 @@ fn wrong_points(walk: &Walk, found: &[CameraEstimate], number: usize) -> Vec<Poi
             let verification = walk.verify(&wrong, found);
             let outcome = outcome(&verification, what, name, size);
             let score = match wrong {
-                NominalError::StereoRotation(_, rad) if outcome != Outcome::Undetermined => {
-                    score(&verification.cameras[k], rad)
-                }
+                NominalError::StereoRotation(_, rad) => score(&verification.cameras[k], rad),
                 _ => None,
             };
             Point {

@@ -75,11 +75,12 @@ fn samples(
     segment: &TrackSegment,
 ) -> Option<Vec<Sample>> {
     let rig_from_left = sequence.rig().cameras[0].rig_from_left;
-    let [from, to] = [segment.from_ns, segment.to_ns]
-        .map(|t| Some(sequence.world_from_rig(t)? * rig_from_left));
+    let [from, to] =
+        [segment.from_ns, segment.to_ns].map(|t| Some(sequence.world_from_rig(t)? * rig_from_left));
     let later_from_first = to?.inverse() * from?;
     let lens = nominal.left;
-    let plane = |[u, v]: [f64; 2]| Vector3::new((u - lens.cx) / lens.fx, (v - lens.cy) / lens.fy, 1.0);
+    let plane =
+        |[u, v]: [f64; 2]| Vector3::new((u - lens.cx) / lens.fx, (v - lens.cy) / lens.fy, 1.0);
     let both = |f: &Feature| Some((plane(f.left), plane(f.later?), f.left[0] - f.right?[0]));
     let seen: Vec<_> = segment.features.iter().filter_map(both).collect();
     let length = later_from_first.distance_m();

@@ -133,7 +133,9 @@ fn bursts(sequence: &Sequence, nominal: &StereoCalibration) -> Result<Vec<Burst>
     let mut bursts = vec![Burst::default(); planned.len()];
     let mut within = None;
     sequence.for_each(|set| {
-        let now = planned.iter().position(|[from, to]| (*from..=*to).contains(&set.time_ns));
+        let now = planned
+            .iter()
+            .position(|[from, to]| (*from..=*to).contains(&set.time_ns));
         if now != within
             && let Some(burst) = within
         {

@@ -93,7 +93,7 @@ pub(super) fn estimate(
     let mut camera = Camera {
         config,
         motion,
-        pair: eyes.pair.clone(),
+        pair: eyes.pair.with_equal_lenses(),
         line_s: line_s.unwrap_or(0.0),
         nominal: *nominal.imu.as_ref()?.imu_from_left.rotation(),
         gyro,
@@ -194,8 +194,7 @@ impl Camera<'_> {
                     continue;
                 };
                 let attitude = state.attitude(&gyro);
-                let seen =
-                    segment_features(of, &self.pair, self.line_s, &attitude, self.motion);
+                let seen = segment_features(of, &self.pair, self.line_s, &attitude, self.motion);
                 let start = Start {
                     rotation: turn,
                     error_px,

@@ -95,7 +95,14 @@ fn eyes(
         let finding = |decision, basis: &DMatrix<f64>| {
             let shown = |v: Vec<f64>| (basis * DVector::from_vec(v)).as_slice().to_vec();
             let name = &camera.name;
-            finding(Parameter::StereoRotation, name, decision, &[], shown, config)
+            finding(
+                Parameter::StereoRotation,
+                name,
+                decision,
+                &[],
+                shown,
+                config,
+            )
         };
         let whole = DMatrix::identity(3, 3);
         let Some(eyes) = &camera.eyes else {

@@ -89,6 +89,15 @@ impl StereoPair {
         self.origin = turn * (self.nominal_origin + displaced);
     }
 
+    /// The same without differences of the lenses.
+    pub(super) fn with_equal_lenses(&self) -> Self {
+        let mut pair = self.clone();
+        let mut unknowns = self.unknowns;
+        unknowns.fixed_rows_mut::<8>(ACROSS).fill(0.0);
+        pair.set(&unknowns);
+        pair
+    }
+
     /// Rotation of the right eye that adds `per_metre` to the inverse distance of all points on the
     /// axis.
     pub(super) fn rotation_of_offset(&self, per_metre: f64) -> Vector3<f64> {

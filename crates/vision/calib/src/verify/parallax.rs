@@ -140,13 +140,17 @@ impl<'a> Parallax<'a> {
         offset_sigma: f64,
     ) -> Option<(Vec<SegmentFeature>, Start)> {
         let [from_ns, to_ns] = [segment.from_ns, segment.to_ns].map(|t| t as f64);
-        let by_gyro = self.gyro.as_ref().map(|(imu_from_left, gyro)| GyroAttitude {
-            imu_from_left: *imu_from_left,
-            late_ns: 0.0,
-            gyro,
-        });
+        let by_gyro = self
+            .gyro
+            .as_ref()
+            .map(|(imu_from_left, gyro)| GyroAttitude {
+                imu_from_left: *imu_from_left,
+                late_ns: 0.0,
+                gyro,
+            });
         let seconds = (to_ns - from_ns) * 1e-9;
-        let constant = ConstantRate(before.map_or_else(Vector3::zeros, |r| -so3::log(&r) / seconds));
+        let constant =
+            ConstantRate(before.map_or_else(Vector3::zeros, |r| -so3::log(&r) / seconds));
         let attitude: &dyn Attitude = match &by_gyro {
             Some(gyro) if gyro.to_from(to_ns, from_ns).is_some() => gyro,
             _ => &constant,

@@ -65,7 +65,11 @@ struct Cluster<const N: usize> {
 impl<const N: usize> Grouped<N> {
     /// With prior standard deviations of the parameters about `expected - now`; infinite for no
     /// prior. `groups` are the numbers of clusters of each partition.
-    pub(super) fn new(groups: &[usize], sigmas: &SVector<f64, N>, towards: &SVector<f64, N>) -> Self {
+    pub(super) fn new(
+        groups: &[usize],
+        sigmas: &SVector<f64, N>,
+        towards: &SVector<f64, N>,
+    ) -> Self {
         let empty = Cluster {
             information: SMatrix::zeros(),
             gradient: SVector::zeros(),

@@ -28,7 +28,9 @@ pub(super) struct GyroAttitude<'a> {
 
 impl Attitude for GyroAttitude<'_> {
     fn to_from(&self, to_ns: f64, from_ns: f64) -> Option<UnitQuaternion<f64>> {
-        let turn = self.gyro.to_from(to_ns - self.late_ns, from_ns - self.late_ns)?;
+        let turn = self
+            .gyro
+            .to_from(to_ns - self.late_ns, from_ns - self.late_ns)?;
         Some(self.imu_from_left.inverse() * turn * self.imu_from_left)
     }
 

@@ -174,7 +174,10 @@ pub(super) fn estimate(camera: &Camera<'_>, all: &Config) -> Option<StereoAlignm
     let before = Rows::new(&StereoPair::new(nominal), &matches, config);
     let spread_px = found.spread_px;
     let kept = (found.placed.iter().zip(&before.placed)).filter_map(|(found, before)| {
-        let (found, before) = (found.as_ref()?.epipolar_error, before.as_ref()?.epipolar_error);
+        let (found, before) = (
+            found.as_ref()?.epipolar_error,
+            before.as_ref()?.epipolar_error,
+        );
         (tukey(found / spread_px) > 0.0).then_some((before, found))
     });
     let (nominal_px, found_px): (Vec<f64>, Vec<f64>) = kept.unzip();

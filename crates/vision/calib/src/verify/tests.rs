@@ -7,6 +7,8 @@ use nalgebra::{UnitQuaternion, Vector3};
 
 use super::*;
 
+mod right_eye;
+
 /// Reproducible values from -1 to 1.
 struct Draw(u64);
 
@@ -409,139 +411,6 @@ fn without_images_or_samples_everything_is_undetermined() {
         verify(&[], &Tolerances::default(), &Config::default())
             .findings
             .is_empty()
-    );
-}
-
-/// A rectified stereo camera of a car: a baseline of half a metre, points from 5 to 100 m, no IMU.
-fn drive(right_lens: Distortion, seed: u64) -> (StereoCalibration, Vec<Burst>) {
-    let lens = CameraModel {
-        width: 1226,
-        height: 370,
-        fx: 707.0,
-        fy: 707.0,
-        cx: 601.0,
-        cy: 183.0,
-        distortion: Distortion::None,
-    };
-    let nominal = StereoCalibration {
-        left: lens,
-        right: lens,
-        right_from_left: transform([0.0; 3], [-0.537, 0.0, 0.0]),
-        imu: None,
-        ..stereo()
-    };
-    let right = Lens::new(&CameraModel {
-        distortion: right_lens,
-        ..lens
-    });
-    let left = Lens::new(&lens);
-    let mut draw = Draw(seed);
-    let mut segment = |from_ns: i64| {
-        let to_ns = from_ns + 300_000_000;
-        let later_from_first = transform(
-            [0.002 * draw.bell(), 0.02 * draw.bell(), 0.002 * draw.bell()],
-            [0.1 * draw.bell(), 0.05 * draw.bell(), -3.0],
-        );
-        let mut features = Vec::new();
-        while features.len() < 150 {
-            let pixel = [601.0 + 600.0 * draw.next(), 183.0 + 170.0 * draw.next()];
-            let ray = Vector3::from(left.unproject(pixel).unwrap());
-            let x = ray / (0.01 + 0.19 * draw.next().abs());
-            let mut seen = |lens: &Lens, x: [f64; 3]| {
-                let [u, v] = lens.project(x)?;
-                let inside = (0.0..1225.0).contains(&u) && (0.0..369.0).contains(&v);
-                inside.then_some([u + 0.2 * draw.bell(), v + 0.2 * draw.bell()])
-            };
-            features.push(Feature {
-                left: pixel,
-                right: seen(&right, nominal.right_from_left.apply(x.into())),
-                later: seen(&left, later_from_first.apply(x.into())),
-            });
-        }
-        TrackSegment {
-            from_ns,
-            to_ns,
-            features,
-        }
-    };
-    let burst = |b: i64| Burst {
-        segments: (0..4)
-            .map(|k| segment(b * 1_000_000_000 + k * 200_000_000))
-            .collect(),
-    };
-    let bursts = (0..3).map(burst).collect();
-    (nominal, bursts)
-}
-
-/// The finding on a right eye that is rotated by this.
-fn right_eye(
-    nominal: &StereoCalibration,
-    bursts: &[Burst],
-    rotation_deg: [f64; 3],
-) -> (Finding, StereoAlignment) {
-    let rotation = transform(rotation_deg.map(f64::to_radians), [0.0; 3]);
-    let wrong = StereoCalibration {
-        right_from_left: rotation.inverse() * nominal.right_from_left,
-        ..nominal.clone()
-    };
-    let camera = Camera {
-        name: "car",
-        nominal: &wrong,
-        rig_from_left: None,
-        joint_sigma_rad: None,
-        line_s: Some(0.0),
-        bursts,
-        gyro: None,
-    };
-    let found = verify(&[camera], &Tolerances::default(), &Config::default());
-    let eyes = found.cameras[0].eyes.clone().unwrap();
-    (found.findings[0].clone(), eyes)
-}
-
-/// The right lens decentred by as much as the rectified pictures of KITTI look.
-const DECENTRED: Distortion = Distortion::RadTan4 {
-    k1: 0.0,
-    k2: 0.0,
-    p1: 0.0,
-    p2: 5e-3,
-};
-
-#[test]
-fn decentred_lens_is_not_taken_for_a_rotation() {
-    let (nominal, bursts) = drive(DECENTRED, 10);
-    for degrees in [0.0, 0.1, 0.3] {
-        let (finding, eyes) = right_eye(&nominal, &bursts, [0.0, degrees, 0.0]);
-        let off = eyes.rotation_rad[1].to_degrees() - degrees;
-        assert!(off.abs() < 3.0 * eyes.sigma_rad[1].to_degrees(), "{eyes:?}");
-        assert!(eyes.sigma_rad[1].to_degrees() < 0.03, "{eyes:?}");
-        let expected = match degrees {
-            0.0 => Status::Consistent,
-            _ => Status::Inconsistent,
-        };
-        assert_eq!(finding.status, expected, "{finding:#?}");
-    }
-}
-
-#[test]
-fn yaw_is_not_determined_at_rest_but_pitch_is() {
-    let (nominal, mut bursts) = drive(DECENTRED, 11);
-    for of in bursts.iter_mut().flat_map(|b| &mut b.segments) {
-        of.features.iter_mut().for_each(|f| f.later = Some(f.left));
-    }
-    let (finding, eyes) = right_eye(&nominal, &bursts, [0.0, 0.1, 0.0]);
-    assert_eq!(finding.status, Status::Undetermined, "{finding:#?}");
-    assert!(
-        finding.text.contains("about its y not determined") && finding.text.contains("move"),
-        "{}",
-        finding.text
-    );
-    assert_eq!(eyes.parallax_segments, 0, "{eyes:?}");
-    let (finding, _) = right_eye(&nominal, &bursts, [0.3, 0.0, 0.0]);
-    assert_eq!(finding.status, Status::Inconsistent, "{finding:#?}");
-    assert!(
-        finding.text.contains("rotated by 0.3") && finding.text.contains("about its x"),
-        "{}",
-        finding.text
     );
 }
 
