@@ -157,8 +157,14 @@ fn one(mut page: Page, camera: &CameraEstimate) -> Page {
                     bins(),
                 ));
             let caption = format!(
-                "{:.3} px RMS with the nominal extrinsics, {:.3} px with the estimate; {} of {} matches.",
-                eyes.nominal_rms_px, eyes.found_rms_px, eyes.matches, eyes.of
+                "{:.3} px RMS with the nominal extrinsics, {:.3} px with the estimate; {} of {} matches. \
+                 Parallax in {} of {} track segments.",
+                eyes.nominal_rms_px,
+                eyes.found_rms_px,
+                eyes.matches,
+                eyes.of,
+                eyes.parallax_segments,
+                eyes.segments
             );
             page = page.figure(&chart.to_svg(WIDTH, HEIGHT), &caption);
         }

@@ -72,8 +72,12 @@ impl SessionVerification {
         for camera in &self.verification.cameras {
             let eyes = camera.eyes.as_ref().map(|eyes| {
                 format!(
-                    "epipolar error {:.2} px RMS with the nominal extrinsics, {:.2} px with the estimate ({} matches)",
-                    eyes.nominal_rms_px, eyes.found_rms_px, eyes.matches
+                    "epipolar error {:.2} px RMS with the nominal extrinsics, {:.2} px with the estimate ({} matches), parallax in {} of {} track segments",
+                    eyes.nominal_rms_px,
+                    eyes.found_rms_px,
+                    eyes.matches,
+                    eyes.parallax_segments,
+                    eyes.segments
                 )
             });
             let eyes = eyes.unwrap_or_else(|| "too few stereo matches".to_owned());

@@ -137,10 +137,9 @@ config! {
         pub rounds: usize = 3,
         /// Minimum median displacement of the features of a segment by translation, px.
         pub min_parallax_px: f64 = 2.0,
-        /// Pixel errors that the uncertainty of the initial rotation may cause: with a gyroscope,
-        /// and without.
-        pub predicted_error_px: f64 = 6.0,
-        pub unpredicted_error_px: f64 = 40.0,
+        /// Pixel errors that the uncertainty of the initial rotation of a segment may cause: with a
+        /// gyroscope or an earlier estimate, and without. The latter is that of a car in a bend.
+        pub initial_error_px: [f64; 2] = [6.0, 40.0],
     }
 
     /// Rotation of a camera in one track segment.

@@ -162,8 +162,8 @@ impl<'a> Parallax<'a> {
                 None => attitude.to_from(to_ns, from_ns)?,
             },
             error_px: match is_predicted {
-                true => self.config.predicted_error_px,
-                false => self.config.unpredicted_error_px,
+                true => self.config.initial_error_px[0],
+                false => self.config.initial_error_px[1],
             },
             offset: [0.0, offset_sigma],
             line_sigma_s: self.line_sigma_s,
