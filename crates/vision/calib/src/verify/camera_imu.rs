@@ -93,7 +93,7 @@ pub(super) fn estimate(
     let mut camera = Camera {
         config,
         motion,
-        pair: eyes.pair.with_equal_lenses(),
+        pair: eyes.pair.clone(),
         line_s: line_s.unwrap_or(0.0),
         nominal: *nominal.imu.as_ref()?.imu_from_left.rotation(),
         gyro,
@@ -200,6 +200,7 @@ impl Camera<'_> {
                     error_px,
                     offset,
                     line_sigma_s,
+                    baseline_m: self.pair.baseline_m(),
                 };
                 rotations.extend(solve(&seen, &start, self.motion).map(|solution| {
                     SegmentRotation {

@@ -153,8 +153,9 @@ config! {
         pub inlier_sigma: f64 = 3.0,
         /// Number of RANSAC samples of two features.
         pub ransac_samples: u64 = 80,
-        /// Maximum translation of a sample, m: a walking person or a car in a segment.
-        pub max_translation_m: f64 = 10.0,
+        /// Maximum translation of a sample, baselines: 3 m of a walking person with a ZED Mini, 25 m
+        /// of a car with half a metre.
+        pub max_translation_baselines: f64 = 48.0,
         /// Standard deviation of a tracked feature, px.
         pub corner_sigma_px: f64 = 0.2,
         /// Standard deviation of a disparity, px.

@@ -65,6 +65,8 @@ pub(super) struct Start {
     pub(super) offset: [f64; 2],
     /// Prior sigma of the line time, s.
     pub(super) line_sigma_s: f64,
+    /// Distance of the two eyes, m.
+    pub(super) baseline_m: f64,
 }
 
 /// Result for one segment.
@@ -337,7 +339,7 @@ fn first_translation(
         let Some(shift) = a.cholesky().map(|c| c.solve(&b)) else {
             continue;
         };
-        if shift.norm() > config.max_translation_m {
+        if shift.norm() > config.max_translation_baselines * start.baseline_m {
             continue;
         }
         let cost = cost(&shift);

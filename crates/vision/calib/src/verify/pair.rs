@@ -70,6 +70,10 @@ impl StereoPair {
         }
     }
 
+    pub(super) fn baseline_m(&self) -> f64 {
+        self.origin.norm()
+    }
+
     pub(super) fn left(&self) -> &Lens {
         &self.lenses[0]
     }
@@ -87,15 +91,6 @@ impl StereoPair {
         self.unknowns = *unknowns;
         self.turn = turn * self.nominal_turn;
         self.origin = turn * (self.nominal_origin + displaced);
-    }
-
-    /// The same without differences of the lenses.
-    pub(super) fn with_equal_lenses(&self) -> Self {
-        let mut pair = self.clone();
-        let mut unknowns = self.unknowns;
-        unknowns.fixed_rows_mut::<8>(ACROSS).fill(0.0);
-        pair.set(&unknowns);
-        pair
     }
 
     /// Rotation of the right eye that adds `per_metre` to the inverse distance of all points on the

@@ -167,6 +167,7 @@ impl<'a> Parallax<'a> {
             },
             offset: [0.0, offset_sigma],
             line_sigma_s: self.line_sigma_s,
+            baseline_m: pair.baseline_m(),
         };
         let features = segment_features(segment, pair, self.line_s, attitude, self.motion);
         Some((features, start))
