@@ -24,7 +24,7 @@ mod bands;
 mod charts;
 mod fit_sigma_model;
 pub(crate) mod frames;
-mod peers;
+pub(crate) mod peers;
 pub(crate) mod race;
 mod real;
 mod test_set;

@@ -11,8 +11,10 @@ mod camera_imu;
 mod compare;
 mod depth;
 mod encode;
+mod foreign;
 mod frame_sync;
 mod frames_kept;
+mod gtsam;
 mod import;
 mod kills;
 mod load;
@@ -27,6 +29,7 @@ mod sim_images;
 mod soak;
 mod stamp;
 mod sync;
+mod trajectory_errors;
 mod vm_cost;
 
 use std::process::ExitCode;
@@ -68,8 +71,10 @@ const BENCHMARKS: &[(&str, Run)] = &[
     ("camera_imu", camera_imu::run),
     ("depth", depth::run),
     ("encode", encode::run),
+    ("foreign", foreign::run),
     ("frame_sync", frame_sync::run),
     ("frames_kept", frames_kept::run),
+    ("gtsam", gtsam::run),
     ("import", import::run),
     ("kills", kills::run),
     ("odometry", odometry::run),

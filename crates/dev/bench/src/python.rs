@@ -1,4 +1,4 @@
-//! OpenCV as a peer, in the same run: a script that takes JSON on its standard input and gives JSON
+//! Peers in Python, in the same run: a script that takes JSON on its standard input and gives JSON
 //! back.
 
 use std::ffi::OsString;
@@ -9,13 +9,27 @@ use std::process::{Command, Stdio};
 use anyhow::{Context, Result, ensure};
 use serde_json::Value;
 
+/// Variables that name an interpreter: with OpenCV, GTSAM, and a foreign renderer.
+pub(crate) const OPENCV: &str = "PAWS_PYTHON";
+pub(crate) const GTSAM: &str = "PAWS_GTSAM_PYTHON";
+pub(crate) const RENDERER: &str = "PAWS_RENDERER_PYTHON";
+
 /// The interpreter with OpenCV.
 ///
 /// # Errors
 /// No interpreter is named.
 pub(crate) fn interpreter() -> Result<OsString> {
-    std::env::var_os("PAWS_PYTHON")
-        .context("PAWS_PYTHON names no interpreter with OpenCV; `cargo xtask bench` makes one")
+    interpreter_in(OPENCV)
+}
+
+/// The interpreter that a variable names.
+///
+/// # Errors
+/// No interpreter is named.
+pub(crate) fn interpreter_in(variable: &str) -> Result<OsString> {
+    std::env::var_os(variable).with_context(|| {
+        format!("{variable} names no Python interpreter; `cargo xtask bench` makes one")
+    })
 }
 
 /// Answer of a script, by its path from `crates/dev/bench/src`, to a question.
@@ -23,10 +37,18 @@ pub(crate) fn interpreter() -> Result<OsString> {
 /// # Errors
 /// It does not start, fails, or answers in no JSON.
 pub(crate) fn ask(script: &str, question: &Value) -> Result<Value> {
+    ask_in(OPENCV, script, question)
+}
+
+/// The same with the interpreter that a variable names.
+///
+/// # Errors
+/// It does not start, fails, or answers in no JSON.
+pub(crate) fn ask_in(variable: &str, script: &str, question: &Value) -> Result<Value> {
     let path = Path::new(env!("CARGO_MANIFEST_DIR"))
         .join("src")
         .join(script);
-    let mut child = Command::new(interpreter()?)
+    let mut child = Command::new(interpreter_in(variable)?)
         .arg(path)
         .stdin(Stdio::piped())
         .stdout(Stdio::piped())

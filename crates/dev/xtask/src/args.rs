@@ -29,6 +29,7 @@ cargo xtask VERB: set-up and developer verbs
   bench NAME [--no-install] [ARGS...]
         Run a benchmark (archive, sync, frame_sync, frames_kept, encode, import, soak, kills, power_cuts, vm_cost, sim, sim_images,
         calib, camera_imu, rectify, calib_verify, depth, odometry, odometry_faults, odometry_encoding, odometry_length,
+        gtsam, foreign,
         or all) in release mode;
         results go to docs/benchmarks. ARGS are handed to the benchmark.
   vm-test [--no-install] [--quick] [--qemu] [--cached] [NAMES...]
@@ -58,7 +59,7 @@ Exit code: 0 fine, 1 failed, 2 bad arguments, 3 finished with loss (demo).
 ";
 
 /// The benchmarks, in the order in which `bench all` runs them.
-pub(crate) const BENCHMARKS: [&str; 21] = [
+pub(crate) const BENCHMARKS: [&str; 23] = [
     "archive",
     "sync",
     "frame_sync",
@@ -80,6 +81,8 @@ pub(crate) const BENCHMARKS: [&str; 21] = [
     "odometry_faults",
     "odometry_encoding",
     "odometry_length",
+    "gtsam",
+    "foreign",
 ];
 
 const VERBS: [&str; 11] = [

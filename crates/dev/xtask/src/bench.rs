@@ -6,26 +6,43 @@ use anyhow::Result;
 
 use crate::process::{self, cargo};
 use crate::setup::{self, Purpose};
-use crate::test::python;
+use crate::test::python::{self, Environment};
 
 /// Benchmarks beside OpenCV.
-const WITH_OPENCV: [&str; 5] = ["calib", "depth", "odometry", "rectify", "sim_images"];
+const WITH_OPENCV: [&str; 6] = [
+    "calib",
+    "depth",
+    "foreign",
+    "odometry",
+    "rectify",
+    "sim_images",
+];
 
 /// Runs the benchmarks one after the other; the first that fails ends the run.
 pub(crate) fn run(install: bool, names: &[&str], arguments: &[OsString]) -> Result<()> {
     let mut purposes = vec![Purpose::Build, Purpose::Video];
-    let needs_python = names.iter().any(|name| WITH_OPENCV.contains(name));
-    if needs_python {
+    let mut environments: Vec<&Environment> = Vec::new();
+    if names.iter().any(|name| WITH_OPENCV.contains(name)) {
+        environments.push(&python::READERS);
+    }
+    if names.contains(&"gtsam") {
+        environments.push(&python::GTSAM);
+    }
+    if names.contains(&"foreign") {
+        environments.push(&python::RENDERER);
+        purposes.push(Purpose::Rendering);
+    }
+    if !environments.is_empty() {
         purposes.push(Purpose::Interoperability);
     }
     if names.contains(&"power_cuts") || names.contains(&"vm_cost") {
         purposes.push(Purpose::Machines);
     }
     setup::system_packages(&purposes, install)?;
-    let python = match needs_python {
-        true => Some(python::interpreter()?),
-        false => None,
-    };
+    let mut interpreters = Vec::new();
+    for environment in environments {
+        interpreters.push((environment.variable, environment.interpreter()?));
+    }
     for name in names {
         let mut command = cargo()?;
         command
@@ -35,8 +52,8 @@ pub(crate) fn run(install: bool, names: &[&str], arguments: &[OsString]) -> Resu
         if let Some(data) = process::data_folder()? {
             command.env("PAWS_DATA", data);
         }
-        if let Some(python) = &python {
-            command.env("PAWS_PYTHON", python);
+        for (variable, python) in &interpreters {
+            command.env(variable, python);
         }
         println!("\n== bench {name}");
         process::run(&mut command)?;

@@ -22,6 +22,8 @@ pub(crate) enum Purpose {
     Video,
     /// The tests that open our sessions with other people's readers.
     Interoperability,
+    /// The foreign renderer of a benchmark.
+    Rendering,
     /// The fuzz targets.
     Fuzzing,
     /// Building a Debian package.
@@ -55,7 +57,7 @@ const fn package(name: &'static str, purpose: Purpose, reason: &'static str) -> 
     }
 }
 
-const PACKAGES: [Package; 33] = [
+const PACKAGES: [Package; 34] = [
     package(
         "gcc",
         Purpose::Build,
@@ -103,6 +105,11 @@ const PACKAGES: [Package; 33] = [
         "python3-venv",
         Purpose::Interoperability,
         "an environment for the Python readers",
+    ),
+    package(
+        "libllvm19",
+        Purpose::Rendering,
+        "Mitsuba's compiler; without it the renderer is several times slower",
     ),
     package("g++", Purpose::Fuzzing, "libFuzzer"),
     package(
@@ -372,6 +379,8 @@ fn trials(purpose: Purpose) -> &'static [Trial] {
             ("a static busybox", "busybox", &["true"]),
             ("cpio", "cpio", &["--version"]),
         ],
+        // Without LLVM the renderer interprets.
+        Purpose::Rendering => &[],
         Purpose::Fuzzing => &[(
             "a C++ compiler that answers to `c++`",
             "c++",

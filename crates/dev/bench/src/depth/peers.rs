@@ -17,21 +17,21 @@ use crate::python;
 
 /// A matcher with its parameters.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub(super) struct SgbmConfig {
+pub(crate) struct SgbmConfig {
     /// `BM`, or a mode of SGBM: `SGBM`, `HH`, `SGBM_3WAY`, `HH4`.
-    pub(super) mode: &'static str,
+    pub(crate) mode: &'static str,
     /// Side of the window, px.
-    pub(super) block: u32,
+    pub(crate) block: u32,
     /// Uniqueness ratio, percent.
-    pub(super) unique: u32,
+    pub(crate) unique: u32,
     /// Greatest step within a speckle, px.
-    pub(super) speckle: u32,
+    pub(crate) speckle: u32,
     /// Whether images are smoothed by 3x3 pixels first.
-    pub(super) smooth: bool,
+    pub(crate) smooth: bool,
 }
 
 /// The modes of SGBM.
-pub(super) const MODES: [&str; 4] = ["SGBM", "HH", "SGBM_3WAY", "HH4"];
+pub(crate) const MODES: [&str; 4] = ["SGBM", "HH", "SGBM_3WAY", "HH4"];
 
 impl SgbmConfig {
     /// All of their modes, strict and not, on original and smoothed images, with windows of these
@@ -55,17 +55,17 @@ impl SgbmConfig {
     }
 
     /// With windows from small to large.
-    pub(super) fn many() -> Vec<Self> {
+    pub(crate) fn many() -> Vec<Self> {
         Self::with_windows(&[7, 11, 15, 21], &[3, 5, 9])
     }
 
     /// With those that do best on a real pair.
-    pub(super) fn few() -> Vec<Self> {
+    pub(crate) fn few() -> Vec<Self> {
         Self::with_windows(&[11, 15], &[5])
     }
 
     /// As in OpenCV's samples: ten percent of uniqueness.
-    pub(super) fn usual(mode: &'static str, block: u32) -> Self {
+    pub(crate) fn usual(mode: &'static str, block: u32) -> Self {
         Self {
             mode,
             block,
@@ -75,19 +75,19 @@ impl SgbmConfig {
         }
     }
 
-    pub(super) fn name(&self) -> String {
+    pub(crate) fn name(&self) -> String {
         let smooth = if self.smooth { " smoothed" } else { "" };
         format!("{} {} u{}{smooth}", self.mode, self.block, self.unique)
     }
 }
 
 /// The process.
-pub(super) struct Peers {
+pub(crate) struct Peers {
     child: Child,
     input: Option<ChildStdin>,
     output: BufReader<ChildStdout>,
     folder: TempDir,
-    pub(super) version: String,
+    pub(crate) version: String,
 }
 
 impl Peers {
@@ -95,7 +95,7 @@ impl Peers {
     ///
     /// # Errors
     /// There is no Python with OpenCV.
-    pub(super) fn start() -> Result<Self> {
+    pub(crate) fn start() -> Result<Self> {
         let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("src/depth.py");
         let mut child = Command::new(python::interpreter()?)
             .arg(script)
@@ -134,7 +134,7 @@ impl Peers {
     ///
     /// # Errors
     /// Any I/O error.
-    pub(super) fn show(&self, frame: &Frame) -> Result<()> {
+    pub(crate) fn show(&self, frame: &Frame) -> Result<()> {
         for (name, pixels) in ["left", "right"].iter().zip(&frame.eyes) {
             fs::write(self.folder.path().join(name), pixels).context("writing an image")?;
         }
@@ -146,7 +146,7 @@ impl Peers {
     ///
     /// # Errors
     /// Python fails.
-    pub(super) fn run(
+    pub(crate) fn run(
         &mut self,
         frame: &Frame,
         configs: &[SgbmConfig],

@@ -1,8 +1,10 @@
-//! The Python environment of the interoperability tests: independent readers of our files.
+//! Python environments: the independent readers of the interoperability tests, and the peers of
+//! benchmarks.
 //!
-//! It lies in the target folder and is made again when the pinned list changes or one of the
+//! Each lies in the target folder and is made again when the pinned list changes or one of the
 //! packages no longer imports. Only ready-made wheels are taken: compiling a video library from
-//! source is no part of a test run. An interpreter that PAWS_PYTHON names is used as it is.
+//! source is no part of a test run. An interpreter that its
+//! variable (PAWS_PYTHON for the readers) names is used as it is.
 
 use std::path::{Path, PathBuf};
 
@@ -10,51 +12,101 @@ use anyhow::{Context, Result, bail};
 
 use crate::process::{self, command, root, target_folder};
 
-const IMPORTS: &str = "import mcap, mcap_protobuf, av, numpy, cv2, pupil_apriltags, \
-                       plyfile, laspy, lazrs, pycolmap, onnxruntime";
+/// One environment: its packages, and what must import.
+pub(crate) struct Environment {
+    /// Variable that names an interpreter, for the user and for what is started.
+    pub(crate) variable: &'static str,
+    folder: &'static str,
+    /// Pinned list, beside this package's manifest.
+    list: &'static str,
+    imports: &'static str,
+}
 
-/// An interpreter that has the packages. The error says why there is none.
+/// The independent readers.
+pub(crate) const READERS: Environment = Environment {
+    variable: "PAWS_PYTHON",
+    folder: "python-readers",
+    list: "interop-requirements.txt",
+    imports: "import mcap, mcap_protobuf, av, numpy, cv2, pupil_apriltags, \
+              plyfile, laspy, lazrs, pycolmap, onnxruntime",
+};
+/// GTSAM.
+pub(crate) const GTSAM: Environment = Environment {
+    variable: "PAWS_GTSAM_PYTHON",
+    folder: "python-gtsam",
+    list: "gtsam-requirements.txt",
+    imports: "import gtsam",
+};
+/// A foreign renderer.
+pub(crate) const RENDERER: Environment = Environment {
+    variable: "PAWS_RENDERER_PYTHON",
+    folder: "python-renderer",
+    list: "renderer-requirements.txt",
+    imports: "import mitsuba, scipy, PIL",
+};
+
+/// The interpreter of the readers. The error says why there is none.
 pub(crate) fn interpreter() -> Result<PathBuf> {
-    if let Some(named) = std::env::var_os("PAWS_PYTHON") {
-        if !imports(Path::new(&named))? {
-            bail!("the interpreter that PAWS_PYTHON names cannot run `{IMPORTS}`: {named:?}");
+    READERS.interpreter()
+}
+
+impl Environment {
+    /// An interpreter that has the packages. The error says why there is none.
+    pub(crate) fn interpreter(&self) -> Result<PathBuf> {
+        if let Some(named) = std::env::var_os(self.variable) {
+            if !self.works(Path::new(&named))? {
+                bail!(
+                    "the interpreter that {} names cannot run `{}`: {named:?}",
+                    self.variable,
+                    self.imports
+                );
+            }
+            return Ok(named.into());
         }
-        return Ok(named.into());
-    }
-    let list = root()?.join("crates/dev/xtask/interop-requirements.txt");
-    let wanted = std::fs::read(&list)
-        .with_context(|| format!("reading the list of Python packages {}", list.display()))?;
-    let folder = target_folder()?.join("python-readers");
-    let python = folder.join("bin/python");
-    let stamp = folder.join("installed-requirements.txt");
-    if std::fs::read(&stamp).is_ok_and(|installed| installed == wanted) && imports(&python)? {
-        return Ok(python);
+        let list = root()?.join("crates/dev/xtask").join(self.list);
+        let wanted = std::fs::read(&list)
+            .with_context(|| format!("reading the list of Python packages {}", list.display()))?;
+        let folder = target_folder()?.join(self.folder);
+        let python = folder.join("bin/python");
+        let stamp = folder.join("installed-requirements.txt");
+        if std::fs::read(&stamp).is_ok_and(|installed| installed == wanted)
+            && self.works(&python)?
+        {
+            return Ok(python);
+        }
+        install(&folder, &python, &list)?;
+        if !self.works(&python)? {
+            bail!(
+                "the packages were installed, and yet `{}` fails in {}",
+                self.imports,
+                folder.display()
+            );
+        }
+        std::fs::write(&stamp, wanted).with_context(|| format!("writing {}", stamp.display()))?;
+        Ok(python)
     }
 
+    fn works(&self, python: &Path) -> Result<bool> {
+        Ok(process::succeeds(
+            command(python)?.args(["-c", self.imports]),
+        ))
+    }
+}
+
+/// Makes an environment with the packages of a list.
+fn install(folder: &Path, python: &Path, list: &Path) -> Result<()> {
     process::run(
         command("python3")?
             .args(["-m", "venv", "--clear"])
-            .arg(&folder),
+            .arg(folder),
     )
     .context("making a Python environment")?;
-    let mut pip = command(&python)?;
+    let mut pip = command(python)?;
     pip.args(["-m", "pip", "install", "--quiet"])
         .args(["--disable-pip-version-check", "--no-input"])
         .args(["--retries", "2", "--only-binary", ":all:"])
         .arg("--requirement")
-        .arg(&list);
+        .arg(list);
     process::run(&mut pip)
-        .context("installing the Python packages (is a package index reachable from here?)")?;
-    if !imports(&python)? {
-        bail!(
-            "the packages were installed, and yet `{IMPORTS}` fails in {}",
-            folder.display()
-        );
-    }
-    std::fs::write(&stamp, wanted).with_context(|| format!("writing {}", stamp.display()))?;
-    Ok(python)
-}
-
-fn imports(python: &Path) -> Result<bool> {
-    Ok(process::succeeds(command(python)?.args(["-c", IMPORTS])))
+        .context("installing the Python packages (is a package index reachable from here?)")
 }

@@ -1,0 +1,168 @@
+//! Depth on pairs of the rendered walk whose true disparities the renderer gives.
+
+use std::fs;
+
+use anyhow::{Context, Result, ensure};
+use cad_transforms::RigidTransform;
+use depth::evaluate::Scores;
+use depth::{Band, Config, Geometry, Matcher, Preset};
+use harness::sequences::OwnedFrameSet;
+use serde_json::{Value, json};
+
+use super::Walk;
+use crate::depth::frames::Frame;
+use crate::depth::peers::{MODES, Peers, SgbmConfig};
+use crate::meter::{median, timed};
+
+/// Number of disparities: the nearest surfaces are 0.5 m away.
+const RANGE: usize = 64;
+/// Times that each pair is matched for its time.
+const RUNS: usize = 3;
+const THREADS: usize = 2;
+/// Disparity by which a nearer surface hides a farther one, px.
+const HIDING_PX: f32 = 1.0;
+
+/// One row for each preset and each mode of OpenCV's SGBM.
+pub(super) fn rows(walk: &Walk) -> Result<Value> {
+    let frames = frames(walk)?;
+    let mut rows = Vec::new();
+    for preset in Preset::ALL {
+        rows.push(ours(preset, &frames)?);
+    }
+    let mut peers = Peers::start()?;
+    for mode in MODES {
+        let config = SgbmConfig::usual(mode, 5);
+        let (mut scores, mut ms) = (Scores::default(), Vec::new());
+        for frame in &frames {
+            peers.show(frame)?;
+            let configs = std::slice::from_ref(&config);
+            let (_, maps) = peers.run(frame, configs, THREADS, true)?;
+            scores.add(&Scores::of(&maps[0], frame.truth())?);
+            for _ in 0..RUNS {
+                ms.extend(peers.run(frame, configs, THREADS, false)?.0);
+            }
+        }
+        rows.push(json!({
+            "matcher": format!("OpenCV {}: {}", peers.version, config.name()),
+            "scores": scores_of(&scores),
+            "ms": median(ms),
+        }));
+    }
+    Ok(json!({ "pairs": frames.len(), "rows": rows }))
+}
+
+fn scores_of(scores: &Scores) -> Value {
+    json!({
+        "pixels": scores.pixels,
+        "density": scores.density(),
+        "bad_1": scores.bad_ratio(1),
+        "bad_2": scores.bad_ratio(2),
+        "mean_error_px": scores.mean_error_px(),
+    })
+}
+
+/// A preset on all frames, with the ratio of errors within two stated sigmas in each quarter of the
+/// sigmas, the smallest first.
+fn ours(preset: Preset, frames: &[Frame]) -> Result<Value> {
+    let (mut scores, mut ms) = (Scores::default(), Vec::new());
+    let mut answers: Vec<(f32, f32)> = Vec::new();
+    for frame in frames {
+        let [left, right] = frame.images();
+        let band = Band::full(0, frame.range, frame.height)?;
+        let mut matcher = Matcher::new(Config::preset(preset), frame.width, frame.height)?;
+        let map = matcher.run(&left, &right, &band)?;
+        scores.add(&Scores::of(map, frame.truth())?);
+        let known = (0..map.disparity.len()).filter(|i| {
+            frame.visible[*i] && !frame.truth[*i].is_nan() && !map.disparity[*i].is_nan()
+        });
+        answers.extend(known.map(|i| {
+            let error = (map.disparity[i] - frame.truth[i]).abs();
+            (map.sigma[i], error / map.sigma[i])
+        }));
+        for _ in 0..RUNS {
+            let (result, took) = timed(|| matcher.run(&left, &right, &band).map(drop));
+            result?;
+            ms.push(1e3 * took.wall_s);
+        }
+    }
+    answers.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let within = |part: &[(f32, f32)]| {
+        let count = part.iter().filter(|(_, sigmas)| *sigmas <= 2.0).count();
+        count as f64 / part.len().max(1) as f64
+    };
+    let quarter = answers.len().div_ceil(4).max(1);
+    Ok(json!({
+        "matcher": preset.name(),
+        "scores": scores_of(&scores),
+        "ms": median(ms),
+        "within_two_sigmas": within(&answers),
+        "within_by_quarter": answers.chunks(quarter).map(within).collect::<Vec<_>>(),
+        "median_sigma_px": answers.get(answers.len() / 2).map(|a| a.0),
+    }))
+}
+
+/// The pairs with true disparities.
+fn frames(walk: &Walk) -> Result<Vec<Frame>> {
+    let camera = &walk.sequence.rig().cameras[0];
+    let baseline_m = -camera.right_from_left.translation_m()[0];
+    let mut frames = Vec::new();
+    walk.sequence.for_each(|set| {
+        let path = walk.folder.join(format!("disparity/{}.f32", set.time_ns));
+        if path.exists() {
+            let bytes = fs::read(&path).with_context(|| format!("reading {}", path.display()))?;
+            let truth = bytes.chunks_exact(4);
+            let truth = truth.map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]]));
+            let geometry = Geometry {
+                focal_px: camera.left.fx,
+                center: [camera.left.cx, camera.left.cy],
+                baseline_m,
+                offset_px: camera.right.cx - camera.left.cx,
+            };
+            frames.push(frame(&set, truth.collect(), geometry)?);
+        }
+        Ok(())
+    })?;
+    ensure!(
+        !frames.is_empty(),
+        "there is no true disparity: {}",
+        walk.folder.display()
+    );
+    Ok(frames)
+}
+
+fn frame(set: &OwnedFrameSet, truth: Vec<f32>, geometry: Geometry) -> Result<Frame> {
+    let view = set.views[0].as_ref().context("a pair without images")?;
+    let (found, expected) = (truth.len(), view.width * view.height);
+    ensure!(
+        found == expected,
+        "found {found} true disparities, expected {expected}"
+    );
+    let mut visible = vec![false; truth.len()];
+    for (row, visible) in truth.chunks(view.width).zip(visible.chunks_mut(view.width)) {
+        // Nearest surface at each column of the right image.
+        let mut nearest = vec![0.0_f32; view.width];
+        let column = |x: usize| {
+            let at = x as f32 - row[x];
+            (at >= -0.5).then(|| at.round() as usize)
+        };
+        for x in 0..view.width {
+            if let Some(at) = column(x) {
+                nearest[at] = nearest[at].max(row[x]);
+            }
+        }
+        for x in 0..view.width {
+            visible[x] = column(x).is_some_and(|at| row[x] >= nearest[at] - HIDING_PX);
+        }
+    }
+    Ok(Frame {
+        name: set.time_ns.to_string(),
+        width: view.width,
+        height: view.height,
+        eyes: [view.left.clone(), view.right.clone()],
+        truth,
+        visible,
+        range: RANGE,
+        geometry,
+        world_from_left: RigidTransform::identity(),
+    })
+}

@@ -1,0 +1,103 @@
+//! The results as a page.
+
+use std::fmt::Write as _;
+
+use serde_json::Value;
+
+use crate::stamp;
+use crate::trajectory_errors::{HEAD, RULE, columns};
+
+pub(super) fn table(report: &Value) -> String {
+    let rendering = &report["rendering"];
+    let mut text = format!(
+        "# Images of a foreign renderer\n\n\
+         {} stereo pairs of one walk, rendered by Mitsuba {} ({}), {} samples per pixel, {} s per image. No image is ours, none is real.\n\n\
+         {}.\n\n",
+        report["pairs"],
+        rendering["mitsuba"].as_str().unwrap_or_default(),
+        rendering["variant"].as_str().unwrap_or_default(),
+        rendering["samples"],
+        rendering["seconds_per_image"],
+        stamp::line(&report["stamp"]),
+    );
+    odometry(&mut text, &report["odometry"]);
+    depth(&mut text, &report["depth"]);
+    calibration(&mut text, &report["calibration"]);
+    text
+}
+
+fn rows(of: &Value) -> impl Iterator<Item = &Value> {
+    of.as_array().into_iter().flatten()
+}
+
+fn odometry(text: &mut String, of: &Value) {
+    let _ = write!(
+        text,
+        "## Odometry\n\n\
+         NEES is over its dimensions, 1 is right; *silently wrong* are tracked poses beyond three stated sigmas. Only keyframes of adjusted poses have sigmas.\n\n\
+         | preset | | right eye, ° | poses | {HEAD} |\n|---|---|---|---|{RULE}|\n"
+    );
+    for row in rows(of) {
+        for poses in ["causal", "adjusted"] {
+            let _ = writeln!(
+                text,
+                "| {} | {} | {} | {poses} | {} |",
+                row["preset"].as_str().unwrap_or_default(),
+                row["imu"].as_str().unwrap_or_default(),
+                row["right_eye_deg"],
+                columns(&row[poses]),
+            );
+        }
+    }
+}
+
+fn depth(text: &mut String, of: &Value) {
+    let _ = write!(
+        text,
+        "\n## Depth\n\n\
+         {} pairs with true disparities. Pixels without a surface, of the glass pane, and hidden from the right eye are left out. Quarters are of the stated sigmas, the smallest first.\n\n\
+         | matcher | ms | density | bad-1, % | bad-2, % | within two sigmas, % | in each quarter, % | median sigma, px |\n|---|---|---|---|---|---|---|---|\n",
+        of["pairs"]
+    );
+    for row in rows(&of["rows"]) {
+        let scores = &row["scores"];
+        let number = |value: &Value, by: f64, digits: usize| {
+            let value = value.as_f64();
+            value.map_or(String::new(), |v| format!("{:.digits$}", by * v))
+        };
+        let quarters = rows(&row["within_by_quarter"]).map(|q| number(q, 100.0, 0));
+        let _ = writeln!(
+            text,
+            "| {} | {} | {} | {} | {} | {} | {} | {} |",
+            row["matcher"].as_str().unwrap_or_default(),
+            number(&row["ms"], 1.0, 1),
+            number(&scores["density"], 1.0, 3),
+            number(&scores["bad_1"], 100.0, 2),
+            number(&scores["bad_2"], 100.0, 2),
+            number(&row["within_two_sigmas"], 100.0, 1),
+            quarters.collect::<Vec<_>>().join(" / "),
+            number(&row["median_sigma_px"], 1.0, 3),
+        );
+    }
+}
+
+fn calibration(text: &mut String, of: &Value) {
+    text.push_str(
+        "\n## Check of the calibration\n\n\
+         Nominal calibration with the right eye rotated about y.\n\n\
+         | right eye, ° | parameter | decision | finding |\n|---|---|---|---|\n",
+    );
+    for row in rows(of) {
+        for finding in rows(&row["findings"]) {
+            let word = |key: &str| finding[key].as_str().unwrap_or_default().to_owned();
+            let _ = writeln!(
+                text,
+                "| {} | {} | {} | {} |",
+                row["right_eye_deg"],
+                word("parameter").replace('_', " "),
+                word("status"),
+                word("text"),
+            );
+        }
+    }
+}
