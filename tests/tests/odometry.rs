@@ -74,6 +74,43 @@ fn check_causal_and_refined_accuracy(sequence: &Sequence) {
     assert!(percent(&adjusted) < 0.2, "{adjusted:?}");
 }
 
+/// The window corrects causal poses by two centimeters at a corner of this walk.
+#[test]
+fn refined_poses_do_not_jump_where_causal_ones_do() {
+    let settings = WalkSettings {
+        quality: Quality::FAST,
+        size: [336, 188],
+        ..WalkSettings::new(Kind::Plaza, Lighting::Day, 1, 9.0)
+    };
+    let sequence = walk(&settings).expect("a walk");
+    let truth = tracking::truth(&sequence).expect("rising times");
+    let tracking = track(&sequence, balanced(), true).expect("poses");
+    let causal_m = jump_m(tracking.causal(), &truth);
+    let adjusted = tracking.refine().expect("poses").expect("with mapping");
+    let refined_m = jump_m(&adjusted.trajectory, &truth);
+    println!("causal {causal_m:.4} m, refined {refined_m:.4} m");
+    assert!(causal_m > 0.01, "{causal_m}");
+    assert!(refined_m < 0.004, "{refined_m}");
+    let poses = adjusted.trajectory.poses();
+    assert!(poses.iter().all(|pose| pose.covariance.is_some()));
+    let consistency = evaluated(&adjusted.trajectory, &truth).consistency;
+    assert_eq!(consistency.expect("covariances").silently_wrong, 0);
+}
+
+/// Largest deviation of the error of a pose from the mean of those of its neighbors, m.
+fn jump_m(estimate: &Trajectory, truth: &Trajectory) -> f64 {
+    let fit = evaluated(estimate, truth).true_from_estimated;
+    let fit = fit.expect("poses that can be compared");
+    let poses = estimate.poses().iter().zip(truth.poses());
+    let errors: Vec<Vector3<f64>> = poses
+        .map(|(pose, truth)| {
+            fit.apply(&pose.world_from_rig).translation() - truth.world_from_rig.translation()
+        })
+        .collect();
+    let jumps = (errors.windows(3)).map(|w| (w[1] - (w[0] + w[2]) * 0.5).norm());
+    jumps.fold(0.0, f64::max)
+}
+
 #[test]
 fn landmarks_observed_by_two_cameras_have_one_id() {
     let settings = WalkSettings {

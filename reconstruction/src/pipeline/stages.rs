@@ -3,8 +3,8 @@
 //! | stage | reads | writes |
 //! |---|---|---|
 //! | `rig` | hand-off, overrides | `rig` |
-//! | `odometry` | hand-off, `rig` | `trajectory-causal`, `tracks` |
-//! | `bundle-adjustment` | hand-off, `rig`, `trajectory-causal`, `tracks` | `trajectory`, `rig-refined` |
+//! | `odometry` | hand-off, `rig` | `trajectory-causal`, `trajectory-odom`, `tracks` |
+//! | `bundle-adjustment` | hand-off, `rig`, `trajectory-causal`, `trajectory-odom`, `tracks` | `trajectory`, `rig-refined` |
 //! | `depth` | hand-off, `rig-refined`, `trajectory` | `keyframes`, `depth` |
 //! | `cloud` | hand-off, `rig-refined`, `trajectory`, `keyframes`, `depth` | `cloud`, `masks` |
 

@@ -249,6 +249,7 @@ fn rig([fx, fy, cx, cy]: [f64; 4], imu_from_camera: RigidTransform) -> Rig {
             rig_from_left: imu_from_camera,
             covariance: None,
             right_from_left: RigidTransform::identity(),
+            right_from_left_covariance: None,
             line_s: 0.0,
         }],
         imus: vec![Imu {

@@ -10,9 +10,11 @@
 //! - [`still`]: estimates at rest (EuRoC).
 
 use anyhow::{Context as _, Result};
-use cad_transforms::{Covariance, RigidTransform};
+use cad_transforms::Covariance;
 use nalgebra::Matrix6;
-use odometry::mapping::{Connectivity, RefinedExtrinsics, RefinedStereo};
+use odometry::mapping::{
+    Connectivity, OdomPose, RefinedExtrinsics, RefinedStereo, interpolate_poses,
+};
 use odometry::{CameraShift, Config, Estimate, Mapping, Odometry, Rig};
 use scene_bundle::{Pose, Status, Trajectory};
 
@@ -26,15 +28,16 @@ pub struct Tracking {
     odometry: Odometry,
     mapping: Option<Mapping>,
     causal: Trajectory,
+    odom: Vec<OdomPose>,
     keyframes: usize,
 }
 
 /// A whole session after bundle adjustment.
 #[derive(Clone, Debug)]
 pub struct Refined {
-    /// One pose per causal pose. Only keyframes have a covariance: that of the causal pose where
-    /// tracking was lost and the pose graph is not connected ([`Connectivity`]). The status is that
-    /// of the causal pose, or relocalised.
+    /// One pose per causal pose. Its covariance is that of the causal pose where tracking was lost
+    /// and the pose graph is not connected ([`Connectivity`]). The status is that of the causal
+    /// pose, or relocalised.
     pub trajectory: Trajectory,
     /// Number of keyframes.
     pub keyframes: usize,
@@ -58,6 +61,7 @@ impl Tracking {
             odometry: Odometry::new(rig, settings),
             mapping: with_mapping.then(|| Mapping::new(rig, &settings)),
             causal: Trajectory::default(),
+            odom: Vec::new(),
             keyframes: 0,
         }
     }
@@ -81,6 +85,9 @@ impl Tracking {
         let pose = pose(&estimate);
         let pose = pose.with_context(|| format!("adding the pose at {} ns", set.time_ns))?;
         self.causal.push(pose)?;
+        if self.mapping.is_some() {
+            self.odom.push(OdomPose::from(&estimate));
+        }
         Ok(estimate)
     }
 
@@ -118,7 +125,7 @@ impl Tracking {
         };
         let adjusted = mapping.optimize(|_| {});
         Ok(Some(Refined {
-            trajectory: refined_trajectory(&self.causal, &adjusted)?,
+            trajectory: refined_trajectory(&self.causal, &self.odom, &adjusted)?,
             keyframes: adjusted.poses.len(),
             loop_closures: adjusted.loop_closures.len(),
             iterations: adjusted.iterations,
@@ -129,36 +136,35 @@ impl Tracking {
     }
 }
 
-/// One pose per causal pose, moved with its refined keyframes; see [`Refined::trajectory`].
+/// One pose per causal pose, interpolated between refined keyframes; see [`Refined::trajectory`].
+/// `odom` are the poses of the same frame sets in the odom frame.
 ///
 /// # Errors
 /// A pose cannot be stored in a trajectory.
-pub fn refined_trajectory(causal: &Trajectory, adjusted: &odometry::Refined) -> Result<Trajectory> {
-    let times: Vec<(i64, RigidTransform)> = (causal.poses().iter())
-        .map(|p| (p.time_ns, p.world_from_rig))
-        .collect();
-    let keyframes: Vec<(i64, RigidTransform)> = (adjusted.poses.iter())
-        .map(|p| (p.time_ns, p.world_from_rig))
-        .collect();
-    let carried = odometry::mapping::interpolate_poses(&times, &keyframes);
+pub fn refined_trajectory(
+    causal: &Trajectory,
+    odom: &[OdomPose],
+    adjusted: &odometry::Refined,
+) -> Result<Trajectory> {
+    let interpolated = interpolate_poses(odom, &adjusted.poses);
     let lost: Vec<(i64, bool)> = (causal.poses().iter())
         .map(|p| (p.time_ns, p.status == Status::Lost))
         .collect();
     let ties = adjusted.connectivity(&lost);
-    let mut poses = Vec::with_capacity(times.len());
-    for ((pose, world_from_rig), tie) in causal.poses().iter().zip(carried).zip(ties) {
-        let own = (adjusted.poses).binary_search_by_key(&pose.time_ns, |p| p.time_ns);
-        let covariance = match (own, tie) {
-            (Err(_), _) => None,
-            (Ok(_), Connectivity::Unconstrained) => pose.covariance,
-            (Ok(k), _) => Some(covariance(&adjusted.poses[k].covariance)?),
+    let mut poses = Vec::with_capacity(odom.len());
+    for ((pose, interpolated), tie) in causal.poses().iter().zip(interpolated).zip(ties) {
+        let covariance = match tie {
+            Connectivity::Unconstrained => pose.covariance,
+            Connectivity::Continuous | Connectivity::LoopClosed => {
+                Some(covariance(&interpolated.covariance)?)
+            }
         };
         let status = match (pose.status, tie) {
             (Status::Tracked, Connectivity::LoopClosed) => Status::Relocalised,
             (status, _) => status,
         };
         poses.push(Pose {
-            world_from_rig,
+            world_from_rig: interpolated.world_from_rig,
             covariance,
             velocity_in_world: None,
             status,

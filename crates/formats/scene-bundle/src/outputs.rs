@@ -29,6 +29,8 @@ pub const RIG_REFINED: &str = "rig-refined";
 pub const TRAJECTORY: &str = "trajectory";
 /// Causal poses of the rig, each computed from the data before it only, as a robot would have them.
 pub const TRAJECTORY_CAUSAL: &str = "trajectory-causal";
+/// Causal poses of the rig in the odom frame, which do not jump.
+pub const TRAJECTORY_ODOM: &str = "trajectory-odom";
 /// Keyframes of the odometry with their feature tracks and keypoints.
 pub const TRACKS: &str = "tracks";
 /// Keyframes of each camera, with their poses.

@@ -136,7 +136,7 @@ fn facts_of(scene: &Scene, name: &str) -> Result<Value, BundleError> {
             let imus: Vec<&str> = rig.imus.iter().map(|i| i.name.as_str()).collect();
             json!({ "cameras": cameras.join(", "), "imus": imus.join(", ") })
         }
-        outputs::TRAJECTORY | outputs::TRAJECTORY_CAUSAL => {
+        outputs::TRAJECTORY | outputs::TRAJECTORY_CAUSAL | outputs::TRAJECTORY_ODOM => {
             of_trajectory(&trajectory::read(&reader)?)
         }
         outputs::KEYFRAMES => {

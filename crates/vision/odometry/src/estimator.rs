@@ -13,7 +13,8 @@ use nalgebra::{DMatrix, Matrix3, Matrix6, Vector3};
 use rayon::prelude::*;
 
 use crate::backend::covariance::{
-    NewestCovariance, PoseCovariance, in_rig_frame, tilt_uncertainty, transport,
+    NewestCovariance, PoseCovariance, in_rig_frame, relative_in_rig_frame, tilt_uncertainty,
+    transport,
 };
 use crate::config::Config;
 use crate::estimator::reinitialization::ResetUncertainty;
@@ -68,6 +69,13 @@ pub struct Estimate {
     /// Covariance of a small motion of the rig in its own axes relative to the first pose:
     /// translation m, rotation rad.
     pub covariance: Matrix6<f64>,
+    /// Pose of the rig in the odom frame (REP 105), which begins as the world and drifts from it:
+    /// the sum of the motions from keyframe to keyframe. It does not jump where the window corrects
+    /// its keyframes, as `world_from_rig` does.
+    pub odom_from_rig: RigidTransform,
+    /// Covariance of the pose relative to the keyframe before it, as a small motion of the rig in
+    /// its own axes: translation m, rotation rad.
+    pub relative_covariance: Matrix6<f64>,
     /// Velocity of the origin of the rig in the world, m/s.
     pub velocity: Vector3<f64>,
     /// Status of the pose.
@@ -101,6 +109,9 @@ pub struct Odometry {
     /// Their information at the start of the window.
     stereo_information: DMatrix<f64>,
     last: Option<State>,
+    /// Poses of the body in the odom frame: at the last keyframe, and at the last frame set.
+    odom_from_keyframe: RigidTransform,
+    odom_from_body: RigidTransform,
     /// Whether tracking is lost, until the window is reinitialized.
     is_lost: bool,
     /// Uncertainties of earlier resets that the covariance of the window does not contain.
@@ -135,6 +146,8 @@ impl Odometry {
             stereo_information: stereo_prior.estimation.clone(),
             stereo_prior,
             last: None,
+            odom_from_keyframe: RigidTransform::identity(),
+            odom_from_body: RigidTransform::identity(),
             is_lost: false,
             unmodeled: Vec::new(),
             camera_shifts: Vec::new(),
@@ -259,6 +272,16 @@ impl Odometry {
         if is_keyframe || self.optimizes_every_frame() {
             joint = optimize_window(&mut window, self.config.backend.max_iterations).1;
         }
+        let relative_covariance = own.map_or_else(Matrix6::identity, |own| {
+            own.fixed_view::<6, 6>(0, 0).into_owned()
+        });
+        let last_odom = self.odom_from_body;
+        let before = &window.frames[window.frames.len() - 2].state;
+        self.odom_from_body =
+            self.odom_from_keyframe * (before.pose().inverse() * window.newest().state.pose());
+        if is_keyframe {
+            self.odom_from_keyframe = self.odom_from_body;
+        }
         let of = |covariance: &NewestCovariance| {
             covariance.pose(&self.config.backend.covariance, &self.stereo_prior)
         };
@@ -294,7 +317,14 @@ impl Odometry {
                     .max_rotation_sigma_rad,
                 &covariance.sum(),
             );
-        let estimate = self.estimate(&window, &covariance, inliers, is_tracked, is_keyframe);
+        let estimate = self.estimate(
+            &window,
+            &covariance,
+            &relative_covariance,
+            inliers,
+            is_tracked,
+            is_keyframe,
+        );
         if self.is_lost {
             self.reinitialize(&mut window, &covariance.sum());
         }
@@ -302,8 +332,8 @@ impl Odometry {
         if self.gyro_rate(time_ns).is_none() {
             // Without a gyroscope the angular rate is assumed constant.
             let seconds = (state.time_ns - last.time_ns) as f64 * 1e-9;
-            let rotation_change =
-                cad_transforms::so3::log(&(last.rotation.inverse() * state.rotation));
+            let motion = last_odom.inverse() * self.odom_from_body;
+            let rotation_change = cad_transforms::so3::log(motion.rotation());
             state.gyro_rate = rotation_change / seconds.max(1e-3) + state.gyro_bias;
             if let Some(newest) = window.frames.last_mut() {
                 newest.state.gyro_rate = state.gyro_rate;
@@ -463,6 +493,7 @@ impl Odometry {
         &self,
         window: &Window,
         covariance: &PoseCovariance,
+        relative_covariance: &Matrix6<f64>,
         inliers: usize,
         is_tracked: bool,
         is_keyframe: bool,
@@ -504,6 +535,13 @@ impl Odometry {
             time_ns: state.time_ns,
             world_from_rig,
             covariance,
+            odom_from_rig: self.odom_from_body * self.body_from_rig,
+            relative_covariance: relative_in_rig_frame(
+                &self.config.backend.covariance,
+                state,
+                &self.body_from_rig,
+                relative_covariance,
+            ),
             velocity,
             status,
             inliers,

@@ -10,7 +10,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use cad_transforms::RigidTransform;
 use nalgebra::{DMatrix, Matrix6, Vector3};
 
-use crate::backend::covariance::in_rig_frame;
+use crate::backend::covariance::{PoseCovariance, in_rig_frame};
 use crate::backend::marginalization::marginalize;
 use crate::backend::observation::{BearingObservation, Camera, CameraPose, transfer};
 use crate::backend::solver::{for_each_residual, linearize, optimize_window};
@@ -97,7 +97,6 @@ pub fn estimate(
     };
     let mut all = window.clone();
     let mut outliers = BTreeSet::new();
-    let mut path_length_m = 0.0;
     let mut poses = Vec::new();
     let mut joint = window.prior.covariance();
     for (number, set) in (0..).zip(sets) {
@@ -114,13 +113,12 @@ pub fn estimate(
                 joint = covariance;
             }
             outliers.extend(remove_outliers(&mut window));
-            path_length_m += (window.newest().state.position - from.position).norm();
         } else {
             add_bearings(&mut window, number, set, &outliers);
         }
         let newest = window.newest().state;
-        let covariance = joint.fixed_view::<6, 6>(0, 0).into_owned();
-        poses.push(pose(config, &newest, path_length_m, &covariance));
+        let covariance = joint.state().fixed_view::<6, 6>(0, 0).into_owned();
+        poses.push(pose(config, &newest, &covariance));
         while window.frames.len() > config.backend.window_size {
             leave(&mut window);
         }
@@ -156,34 +154,22 @@ fn adjust(config: &Config, mut window: Window) -> Option<Vec<TrackPose>> {
     let landmarks: Vec<&Landmark> = window.landmarks.values().collect();
     let information = linearize(&window, &landmarks, |_| true, 0.0).information;
     let covariance: DMatrix<f64> = information.cholesky()?.inverse();
-    let mut path_length_m = 0.0;
-    let mut before = window.frames[0].state.position;
     let poses = window.frames.iter().enumerate().map(|(k, frame)| {
-        path_length_m += (frame.state.position - before).norm();
-        before = frame.state.position;
         let own = covariance
             .fixed_view::<6, 6>(k * STATE_DIM, k * STATE_DIM)
             .into_owned();
-        pose(config, &frame.state, path_length_m, &own)
+        pose(config, &frame.state, &own)
     });
     Some(poses.collect())
 }
 
-fn pose(
-    config: &Config,
-    state: &State,
-    path_length_m: f64,
-    covariance: &Matrix6<f64>,
-) -> TrackPose {
+fn pose(config: &Config, state: &State, covariance: &Matrix6<f64>) -> TrackPose {
     let body = RigidTransform::identity();
     let mut none = config.backend.covariance;
     (none.sigma_inflation, none.position_sigma_floor_m) = (1.0, 0.0);
-    (
-        none.scale_sigma,
-        none.drift_per_metre,
-        none.rotation_sigma_floor_rad,
-    ) = (0.0, 0.0, 0.0);
-    let of = |settings| in_rig_frame(settings, state, &body, path_length_m, covariance);
+    none.rotation_sigma_floor_rad = 0.0;
+    let covariance = PoseCovariance::given(*covariance);
+    let of = |settings| in_rig_frame(settings, state, &body, &covariance);
     TrackPose {
         time_ns: state.time_ns,
         world_from_imu: state.world_from_rig(&body),

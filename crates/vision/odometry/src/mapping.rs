@@ -3,13 +3,13 @@
 //!
 //! Contract. [`Mapping`] takes samples and keyframes of the estimator in order of time, and is
 //! solved once. It gives a pose for every keyframe, in the world of the first one;
-//! [`interpolate_poses`] corrects the frame sets between keyframes. The result is not causal: a
+//! [`interpolate_poses`] gives the frame sets between keyframes theirs. The result is not causal: a
 //! pose depends on all later input. Memory grows with the session: about 40 kB per keyframe, and
 //! ten times that while solving. Same input, same bytes, on any number of threads.
 
 use std::collections::BTreeMap;
 
-use cad_transforms::{RigidTransform, so3};
+use cad_transforms::RigidTransform;
 use camera_models::Eye as Side;
 use nalgebra::{Matrix6, UnitQuaternion, Vector6};
 
@@ -30,10 +30,12 @@ use camera_models::ImuSample;
 mod bundle_adjustment;
 mod connectivity;
 mod loop_closure;
+mod pose_interpolation;
 mod stereo_calibration;
 
 pub use bundle_adjustment::Progress;
 pub use connectivity::Connectivity;
+pub use pose_interpolation::{InterpolatedPose, OdomPose, interpolate_poses};
 pub use stereo_calibration::RefinedStereo;
 
 /// Pose of a keyframe after bundle adjustment.
@@ -420,67 +422,6 @@ fn widen(observations: &mut [(u64, BearingObservation)], keyframes: &[u64]) {
         let age = index(*number) - host;
         *observation = observation.widened((1.0 + age as f64).sqrt());
     }
-}
-
-/// Corrects the poses of all frame sets by those of refined keyframes: each pose is interpolated
-/// relative to its two neighboring keyframes. `causal` are the times and poses of all frame sets,
-/// `refined` those of keyframes, both ascending. Before the first and after the last keyframe a
-/// pose is fixed relative to the nearest one. Keyframes without a frame set are ignored.
-///
-/// ```
-/// use cad_transforms::RigidTransform;
-/// use odometry::mapping::interpolate_poses;
-///
-/// let at = |time_ns, x| RigidTransform::from_translation_m([x, 0.0, 0.0]).map(|pose| (time_ns, pose));
-/// let causal = [at(0, 0.0)?, at(50, 0.5)?, at(100, 1.0)?, at(150, 1.5)?];
-/// // Bundle adjustment moved the second keyframe by 10 cm.
-/// let refined = [at(0, 0.0)?, at(100, 1.1)?];
-/// let corrected = interpolate_poses(&causal, &refined);
-/// let x: Vec<f64> = corrected.iter().map(|pose| pose.translation_m()[0]).collect();
-/// for (x, expected) in x.iter().zip([0.0, 0.55, 1.1, 1.6]) {
-///     assert!((x - expected).abs() < 1e-12, "{x}");
-/// }
-/// # Ok::<(), Box<dyn std::error::Error>>(())
-/// ```
-pub fn interpolate_poses(
-    causal: &[(i64, RigidTransform)],
-    refined: &[(i64, RigidTransform)],
-) -> Vec<RigidTransform> {
-    let index = |time: i64| causal.binary_search_by_key(&time, |c| c.0).ok();
-    let keys: Vec<(usize, &RigidTransform)> = refined
-        .iter()
-        .filter_map(|(time, pose)| Some((index(*time)?, pose)))
-        .collect();
-    let mut out = Vec::with_capacity(causal.len());
-    let mut next = 0;
-    for (k, (time, pose)) in causal.iter().enumerate() {
-        while next < keys.len() && keys[next].0 <= k {
-            next += 1;
-        }
-        let transported = |(at, refined): &(usize, &RigidTransform)| {
-            **refined * (causal[*at].1.inverse() * *pose)
-        };
-        let before = next.checked_sub(1).map(|b| &keys[b]);
-        let behind = keys.get(next);
-        out.push(match (before, behind) {
-            (None, None) => *pose,
-            (Some(one), None) | (None, Some(one)) => transported(one),
-            (Some(a), Some(b)) => {
-                let (from, to) = (causal[a.0].0, causal[b.0].0);
-                let share = (time - from) as f64 / (to - from) as f64;
-                interpolate(&transported(a), &transported(b), share)
-            }
-        });
-    }
-    out
-}
-
-fn interpolate(a: &RigidTransform, b: &RigidTransform, share: f64) -> RigidTransform {
-    let initial_error = a.inverse() * *b;
-    let rotation = so3::log(initial_error.rotation()) * share;
-    let shift = initial_error.translation() * share;
-    let part = RigidTransform::from_rotation_vector(rotation.into(), shift.into());
-    part.map_or(*a, |part| *a * part)
 }
 
 #[cfg(test)]

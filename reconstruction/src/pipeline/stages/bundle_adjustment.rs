@@ -7,12 +7,13 @@
 //! which is reported. A stereo calibration that the walk contradicts is reported and replaced. If the adjustment does not converge, which is reported too, all poses keep
 //! their causal covariance and cameras their nominal extrinsics. Images are not read again.
 
-use ::odometry::mapping::{Connectivity, Progress, RefinedStereo, interpolate_poses};
+use ::odometry::mapping::{Connectivity, OdomPose, Progress, RefinedStereo, interpolate_poses};
 use ::odometry::{ImuSample, Mapping, Refined};
-use cad_transforms::RigidTransform;
 use scene_bundle::outputs::rig::{RigCamera, RigModel};
 use scene_bundle::outputs::trajectory::TrajectoryWriter;
-use scene_bundle::outputs::{self, RIG, RIG_REFINED, TRACKS, TRAJECTORY, TRAJECTORY_CAUSAL};
+use scene_bundle::outputs::{
+    self, RIG, RIG_REFINED, TRACKS, TRAJECTORY, TRAJECTORY_CAUSAL, TRAJECTORY_ODOM,
+};
 use scene_bundle::{Pose, Status, Trajectory};
 use serde_json::{Value, json};
 use session_input::imu::sort_by_time;
@@ -37,7 +38,7 @@ impl Stage<Input> for BundleAdjustmentStage {
     }
 
     fn inputs(&self) -> &'static [&'static str] {
-        &[HANDOFF, RIG, TRAJECTORY_CAUSAL, TRACKS]
+        &[HANDOFF, RIG, TRAJECTORY_CAUSAL, TRAJECTORY_ODOM, TRACKS]
     }
 
     fn outputs(&self) -> &'static [&'static str] {
@@ -51,6 +52,7 @@ impl Stage<Input> for BundleAdjustmentStage {
     fn run(&self, work: &Work<'_, Input>) -> Result<(), StageError> {
         let model = outputs::rig::read(&work.read(RIG)?)?;
         let causal = outputs::trajectory::read(&work.read(TRAJECTORY_CAUSAL)?)?;
+        let odom = outputs::trajectory::read(&work.read(TRAJECTORY_ODOM)?)?;
         let keyframes = outputs::tracks::read(&work.read(TRACKS)?, model.cameras.len())?;
         let mut mapping = Mapping::new(&rig::odometry_rig(&model), &before::config(self.preset));
         let mut samples = Vec::new();
@@ -99,7 +101,7 @@ impl Stage<Input> for BundleAdjustmentStage {
         };
         outputs::rig::write(work.draft(RIG_REFINED), &rig)?;
         let mut writer = TrajectoryWriter::new(work.draft(TRAJECTORY))?;
-        for pose in &refined_poses(&causal, &adjusted) {
+        for pose in &refined_poses(&causal, &odom, &adjusted) {
             writer.push(pose)?;
         }
         writer.finish()?;
@@ -161,31 +163,22 @@ fn stereo_error(camera: &RigCamera, stereo: &RefinedStereo) -> String {
     )
 }
 
-/// Every pose of the causal trajectory, as refined by the bundle adjustment.
-fn refined_poses(causal: &Trajectory, adjusted: &Refined) -> Vec<Pose> {
-    let times: Vec<(i64, RigidTransform)> = (causal.poses().iter())
-        .map(|p| (p.time_ns, p.world_from_rig))
-        .collect();
-    let keys: Vec<(i64, RigidTransform)> = (adjusted.poses.iter())
-        .map(|p| (p.time_ns, p.world_from_rig))
-        .collect();
+/// Every pose of the causal trajectory, as refined by the bundle adjustment. `odom` are the poses of
+/// the same frame sets in the odom frame.
+fn refined_poses(causal: &Trajectory, odom: &Trajectory, adjusted: &Refined) -> Vec<Pose> {
+    let odom: Vec<OdomPose> = odom.poses().iter().map(odom_pose).collect();
     let lost: Vec<(i64, bool)> = (causal.poses().iter())
         .map(|p| (p.time_ns, p.status == Status::Lost))
         .collect();
-    let moved = interpolate_poses(&times, &keys);
+    let interpolated = interpolate_poses(&odom, &adjusted.poses);
     let ties = adjusted.connectivity(&lost);
-    let poses = causal.poses().iter().zip(moved).zip(ties);
+    let poses = causal.poses().iter().zip(interpolated).zip(ties);
     poses
-        .map(|((pose, world_from_rig), tie)| {
-            // The keyframe at or before it: the covariance changes slowly.
-            let next = adjusted
-                .poses
-                .partition_point(|p| p.time_ns <= pose.time_ns);
-            let key = adjusted.poses.get(next.saturating_sub(1));
+        .map(|((pose, interpolated), tie)| {
             let covariance = match tie {
                 Connectivity::Unconstrained => pose.covariance,
                 Connectivity::Continuous | Connectivity::LoopClosed => {
-                    key.and_then(|k| before::covariance(&k.covariance))
+                    before::covariance(&interpolated.covariance)
                 }
             };
             let status = match (pose.status, tie) {
@@ -194,10 +187,22 @@ fn refined_poses(causal: &Trajectory, adjusted: &Refined) -> Vec<Pose> {
             };
             Pose {
                 covariance,
-                world_from_rig,
+                world_from_rig: interpolated.world_from_rig,
                 status,
                 ..*pose
             }
         })
         .collect()
+}
+
+fn odom_pose(pose: &Pose) -> OdomPose {
+    OdomPose {
+        time_ns: pose.time_ns,
+        odom_from_rig: pose.world_from_rig,
+        // Without one, the motion is not known.
+        relative_covariance: (pose.covariance)
+            .map_or_else(nalgebra::Matrix6::identity, |covariance| {
+                *covariance.matrix()
+            }),
+    }
 }

@@ -8,7 +8,7 @@ use ::odometry::{Config, Odometry, Status};
 use cad_transforms::{Covariance, RigidTransform};
 use scene_bundle::outputs::tracks::{Keypoint, StereoObservation, TrackedKeyframe, TracksWriter};
 use scene_bundle::outputs::trajectory::TrajectoryWriter;
-use scene_bundle::outputs::{RIG, TRACKS, TRAJECTORY_CAUSAL};
+use scene_bundle::outputs::{RIG, TRACKS, TRAJECTORY_CAUSAL, TRAJECTORY_ODOM};
 use scene_bundle::{Pose, outputs, trajectory};
 use serde_json::{Value, json};
 
@@ -48,7 +48,7 @@ impl Stage<Input> for OdometryStage {
     }
 
     fn outputs(&self) -> &'static [&'static str] {
-        &[TRAJECTORY_CAUSAL, TRACKS]
+        &[TRAJECTORY_CAUSAL, TRAJECTORY_ODOM, TRACKS]
     }
 
     fn settings(&self) -> Value {
@@ -76,6 +76,7 @@ impl Stage<Input> for OdometryStage {
         }
         let mut odometry = Odometry::new(&rig::odometry_rig(&model), config(self.preset));
         let mut poses = TrajectoryWriter::new(work.draft(TRAJECTORY_CAUSAL))?;
+        let mut odom = TrajectoryWriter::new(work.draft(TRAJECTORY_ODOM))?;
         let mut tracks = TracksWriter::new(work.draft(TRACKS))?;
         for camera in &model.cameras {
             let index = work.source().index().camera(&camera.name);
@@ -109,6 +110,7 @@ impl Stage<Input> for OdometryStage {
             }
             let pose = pose(&estimate);
             poses.push(&pose)?;
+            odom.push(&odom_pose(&estimate))?;
             let kept = candidates.push(pose, set.timed_frames());
             kept.iter().for_each(|frame| session.keep(frame));
             for keyframe in odometry.take_keyframes(false) {
@@ -136,6 +138,7 @@ impl Stage<Input> for OdometryStage {
             ));
         }
         poses.finish()?;
+        odom.finish()?;
         tracks.finish()?;
         Ok(())
     }
@@ -145,12 +148,25 @@ fn pose(estimate: &::odometry::Estimate) -> Pose {
     Pose {
         covariance: covariance(&estimate.covariance),
         velocity_in_world: Some(estimate.velocity.into()),
-        status: match estimate.status {
-            Status::Tracked => trajectory::Status::Tracked,
-            Status::DeadReckoned => trajectory::Status::DeadReckoned,
-            Status::Lost => trajectory::Status::Lost,
-        },
+        status: status(estimate),
         ..Pose::new(estimate.time_ns, estimate.world_from_rig)
+    }
+}
+
+/// The pose in the odom frame, with its covariance relative to the keyframe before it.
+fn odom_pose(estimate: &::odometry::Estimate) -> Pose {
+    Pose {
+        covariance: covariance(&estimate.relative_covariance),
+        status: status(estimate),
+        ..Pose::new(estimate.time_ns, estimate.odom_from_rig)
+    }
+}
+
+fn status(estimate: &::odometry::Estimate) -> trajectory::Status {
+    match estimate.status {
+        Status::Tracked => trajectory::Status::Tracked,
+        Status::DeadReckoned => trajectory::Status::DeadReckoned,
+        Status::Lost => trajectory::Status::Lost,
     }
 }
 

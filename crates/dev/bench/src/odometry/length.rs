@@ -12,10 +12,12 @@
 //! advance, keyframes are in a file. After the last minute the keyframes of the first minutes, of
 //! more and of all are adjusted, each time in a new mapping that is dropped afterwards.
 
+use ::odometry::mapping::OdomPose;
 use ::odometry::{ImuSample, Keyframe, Mapping, Odometry};
 use anyhow::{Context, Result};
 use cad_transforms::RigidTransform;
 use harness::sequences::{self, OwnedFrameSet, Sequence, WalkSettings, named};
+use nalgebra::Matrix6;
 use rig_sim::camera::Quality;
 use scene_bundle::{Pose, Trajectory};
 use serde::Serialize;
@@ -172,6 +174,7 @@ struct Hour<'a> {
     keyframes: KeyframeStore,
     /// Poses and ground truth of sets up to `done`.
     causal: Vec<Pose>,
+    odom: Vec<OdomPose>,
     truth: Vec<Pose>,
     done: usize,
     /// Resident memory with only the first images loaded, bytes.
@@ -187,6 +190,14 @@ impl<'a> Hour<'a> {
             keyframes: KeyframeStore::new()?,
             // All written to, so that their memory is resident from the beginning.
             causal: vec![Pose::new(0, RigidTransform::identity()); sequence.len()],
+            odom: vec![
+                OdomPose {
+                    time_ns: 0,
+                    odom_from_rig: RigidTransform::identity(),
+                    relative_covariance: Matrix6::zeros(),
+                };
+                sequence.len()
+            ],
             truth: vec![Pose::new(0, RigidTransform::identity()); sequence.len()],
             done: 0,
             base: None,
@@ -199,14 +210,16 @@ impl<'a> Hour<'a> {
         let base = *self.base.get_or_insert(resident);
         let before = self.keyframes.len();
         let (done, took) = timed(|| -> Result<()> {
-            let poses = &mut self.causal[self.done..];
-            for (set, pose) in sets.iter().zip(poses) {
+            let poses = self.causal[self.done..].iter_mut();
+            for ((set, pose), odom) in sets.iter().zip(poses).zip(&mut self.odom[self.done..]) {
                 for (k, samples) in set.imu.iter().enumerate() {
                     for sample in samples {
                         self.odometry.add_imu(k, sample);
                     }
                 }
-                *pose = harness::tracking::pose(&self.odometry.add_frames(&set.borrowed()))?;
+                let estimate = self.odometry.add_frames(&set.borrowed());
+                *pose = harness::tracking::pose(&estimate)?;
+                *odom = OdomPose::from(&estimate);
                 for keyframe in self.odometry.take_keyframes(false) {
                     self.keyframes.push(&keyframe)?;
                 }
@@ -248,7 +261,8 @@ impl<'a> Hour<'a> {
         let adjusted = adjusted?;
         let peak = harness::soak::memory()?.peak.saturating_sub(before);
         let causal = Trajectory::new(causal.to_vec())?;
-        let finished = harness::tracking::refined_trajectory(&causal, &adjusted)?;
+        let finished =
+            harness::tracking::refined_trajectory(&causal, &self.odom[..sets], &adjusted)?;
         let truth = Trajectory::new(truth.to_vec())?;
         Ok(Adjustment {
             minutes,

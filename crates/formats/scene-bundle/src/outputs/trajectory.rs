@@ -1,5 +1,5 @@
-//! Outputs `trajectory` and `trajectory-causal`: `trajectory.npy`, a row per pose, and
-//! `spans.json`, the runs of equal status.
+//! Outputs `trajectory`, `trajectory-causal` and `trajectory-odom`: `trajectory.npy`, a row per
+//! pose, and `spans.json`, the runs of equal status.
 
 use cad_transforms::{Covariance, RigidTransform};
 use serde::{Deserialize, Serialize};

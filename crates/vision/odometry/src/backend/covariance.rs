@@ -146,30 +146,55 @@ pub(crate) fn tilt_uncertainty(
         * (config.initial_tilt_sigma_rad * config.initial_tilt_sigma_rad)
 }
 
-/// Inflates a covariance and converts it from errors of the body (position in the world, rotation
-/// in the body) to a small motion of the rig in its own axes.
+/// Inflates the covariance of a pose and converts it from errors of the body (position in the world,
+/// rotation in the body) to a small motion of the rig in its own axes.
 pub(crate) fn in_rig_frame(
     config: &CovarianceConfig,
     state: &State,
     body_from_rig: &RigidTransform,
     covariance: &PoseCovariance,
 ) -> Matrix6<f64> {
+    to_rig_frame(state, body_from_rig, &inflate(config, covariance))
+}
+
+/// The same for the pose relative to nearby keyframes, whose error is that of few observations: it
+/// has neither the floors nor an error of scale.
+pub(crate) fn relative_in_rig_frame(
+    config: &CovarianceConfig,
+    state: &State,
+    body_from_rig: &RigidTransform,
+    covariance: &Matrix6<f64>,
+) -> Matrix6<f64> {
+    let inflated = covariance * (config.sigma_inflation * config.sigma_inflation);
+    to_rig_frame(state, body_from_rig, &inflated)
+}
+
+fn to_rig_frame(
+    state: &State,
+    body_from_rig: &RigidTransform,
+    covariance: &Matrix6<f64>,
+) -> Matrix6<f64> {
     let mut to_own = Matrix6::identity();
     to_own
         .fixed_view_mut::<3, 3>(0, 0)
         .copy_from(&state.rotation.inverse().to_rotation_matrix().into_inner());
-    let rig_from_body = body_from_rig.inverse();
-    let rotation = rig_from_body.rotation().to_rotation_matrix().into_inner();
+    let jacobian = adjoint(&body_from_rig.inverse()) * to_own;
+    let own = jacobian * covariance * jacobian.transpose();
+    (own + own.transpose()) * 0.5
+}
+
+/// Adjoint of a transform `b_from_a`: takes a small motion in the axes of `a` (translation,
+/// rotation) to the same motion in those of `b`.
+pub(crate) fn adjoint(b_from_a: &RigidTransform) -> Matrix6<f64> {
+    let rotation = b_from_a.rotation().to_rotation_matrix().into_inner();
     let mut adjoint = Matrix6::zeros();
     adjoint.fixed_view_mut::<3, 3>(0, 0).copy_from(&rotation);
     adjoint.fixed_view_mut::<3, 3>(3, 3).copy_from(&rotation);
-    let lever_arm = rig_from_body.translation().cross_matrix();
+    let lever_arm = b_from_a.translation().cross_matrix();
     adjoint
         .fixed_view_mut::<3, 3>(0, 3)
         .copy_from(&(lever_arm * rotation));
-    let jacobian = adjoint * to_own;
-    let own = jacobian * inflate(config, covariance) * jacobian.transpose();
-    (own + own.transpose()) * 0.5
+    adjoint
 }
 
 /// Covariance of the pose of one state, transported rigidly to another state.

@@ -92,12 +92,16 @@ impl State {
         error
     }
 
+    /// Pose: world from body.
+    pub(crate) fn pose(&self) -> RigidTransform {
+        let q = self.rotation;
+        RigidTransform::from_wxyz([q.w, q.i, q.j, q.k], self.position.into())
+            .expect("a state is finite, since steps that are not finite are rejected")
+    }
+
     /// Pose of the rig.
     pub(crate) fn world_from_rig(&self, body_from_rig: &RigidTransform) -> RigidTransform {
-        let q = self.rotation;
-        let world_from_body = RigidTransform::from_wxyz([q.w, q.i, q.j, q.k], self.position.into())
-            .expect("a state is finite, since steps that are not finite are rejected");
-        world_from_body * *body_from_rig
+        self.pose() * *body_from_rig
     }
 
     /// Angular rate in the body frame, bias removed, rad/s.

@@ -7,7 +7,7 @@
 use std::collections::BTreeMap;
 
 use cad_transforms::so3;
-use nalgebra::Vector3;
+use nalgebra::{Matrix6, Vector3};
 
 use super::{Estimate, Odometry};
 use crate::backend::window::{Frame, Prior, Window};
@@ -135,10 +135,13 @@ impl Odometry {
         self.keyframe_covariance = window.prior.covariance();
         let covariance =
             (self.keyframe_covariance).pose(&self.config.backend.covariance, &self.stereo_prior);
+        self.odom_from_body = state.pose();
+        self.odom_from_keyframe = self.odom_from_body;
         let inliers = window.landmarks.len();
         let estimate = self.estimate(
             &window,
             &covariance,
+            &Matrix6::zeros(),
             inliers,
             inliers >= self.config.estimator.min_inliers,
             true,

@@ -351,20 +351,3 @@ fn result_does_not_depend_on_the_number_of_threads() {
     };
     assert_eq!(on(1), on(3));
 }
-
-#[test]
-fn frames_between_keyframes_are_interpolated() {
-    let pose = |x: f64| RigidTransform::from_translation_m([x, 0.0, 0.0]).unwrap();
-    let causal: Vec<_> = (0..7).map(|k| (k * 10, pose(k as f64))).collect();
-    // The second keyframe had an error of 1 m.
-    let refined = [(10, pose(1.0)), (50, pose(6.0)), (55, pose(0.0))];
-    let all = interpolate_poses(&causal, &refined);
-    let x: Vec<f64> = all.iter().map(|p| p.translation_m()[0]).collect();
-    for (found, expected) in x.iter().zip([0.0, 1.0, 2.25, 3.5, 4.75, 6.0, 7.0]) {
-        assert!((found - expected).abs() < 1e-9, "{x:?}");
-    }
-    assert_eq!(
-        interpolate_poses(&causal, &[]),
-        causal.iter().map(|c| c.1).collect::<Vec<_>>()
-    );
-}
