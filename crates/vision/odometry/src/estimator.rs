@@ -309,14 +309,7 @@ impl Odometry {
             self.insert_keyframe(&mut window, &exposure_offset_s);
         }
         self.newest_is_keyframe = is_keyframe;
-        self.is_lost |= !is_connected
-            && reinitialization::is_lost(
-                self.config
-                    .estimator
-                    .reinitialization
-                    .max_rotation_sigma_rad,
-                &covariance.sum(),
-            );
+        self.is_lost |= !is_connected && self.needs_reinitialization(time_ns, &covariance.sum());
         let estimate = self.estimate(
             &window,
             &covariance,
@@ -443,7 +436,7 @@ impl Odometry {
             Vector3::zeros()
         };
         let gyro_rate = self.gyro_rate(time_ns).unwrap_or(from.gyro_rate);
-        let guess = State {
+        let mut guess = State {
             time_ns,
             position: from.position
                 + from.velocity * seconds
@@ -454,6 +447,17 @@ impl Odometry {
             gyro_rate,
             ..*from
         };
+        if let (false, Some(last)) = (has_gravity, &self.last) {
+            // The last frame set is nearer than the keyframe, whose velocity may not yet be known.
+            let seconds = (time_ns - last.time_ns) as f64 * 1e-9;
+            let (rotation, position) = last.pose_after(seconds);
+            guess = State {
+                position,
+                rotation,
+                velocity: last.velocity,
+                ..guess
+            };
+        }
         let bias_walk = self
             .imu
             .as_ref()

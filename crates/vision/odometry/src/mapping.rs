@@ -48,7 +48,8 @@ pub struct RefinedPose {
     /// Pose in the world of the first one.
     pub world_from_rig: RigidTransform,
     /// Covariance of a small motion of the rig in its own axes relative to the first pose:
-    /// translation m, rotation rad. It is too small after a tracking loss, see [`Connectivity`].
+    /// translation m, rotation rad. After a tracking loss it contains the unknown motion meanwhile,
+    /// by the constant-velocity model.
     pub covariance: Matrix6<f64>,
 }
 

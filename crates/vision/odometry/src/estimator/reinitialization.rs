@@ -2,10 +2,14 @@
 //!
 //! If images and IMU were both missing for a while, the rotation meanwhile is unknown. A window
 //! that continued would linearize this large uncertainty as a small one, and gravity, once measured
-//! again, would make it overconfident of a wrong pose. The first frame with enough landmarks and a
-//! long enough run of IMU samples therefore starts a new window: the vertical comes from gravity as
-//! in the first window, position and heading from the best guess. Their uncertainty remains outside
-//! the window ([`ResetUncertainty`]) and is added to the covariances of the window.
+//! again, would make it overconfident of a wrong pose. Without an IMU the window would become so by
+//! itself: factors that were linearized at different headings, of which each determines relative
+//! poses only, seem to determine the heading together (Huang et al., Observability-based rules for
+//! designing consistent EKF SLAM estimators, IJRR 2010). The first frame with enough landmarks and,
+//! unless the IMU is silent, a long enough run of samples therefore starts a new window: the vertical
+//! comes from gravity as in the first window, position and heading from the best guess. Their
+//! uncertainty remains outside the window ([`ResetUncertainty`]) and is added to the covariances of
+//! the window.
 
 use nalgebra::{Matrix3, Matrix6, Quaternion, UnitQuaternion, Vector3};
 
@@ -100,6 +104,20 @@ pub(crate) fn reinitialize(
 }
 
 impl Odometry {
+    /// Whether a new window has to begin after a frame that nothing connects to earlier ones:
+    /// always without IMU samples, and where the covariance of its pose is too large.
+    pub(super) fn needs_reinitialization(&self, time_ns: i64, covariance: &Matrix6<f64>) -> bool {
+        let config = &self.config.estimator.reinitialization;
+        self.is_imu_silent(time_ns) || is_lost(config.max_rotation_sigma_rad, covariance)
+    }
+
+    /// Whether there are no recent IMU samples.
+    fn is_imu_silent(&self, time_ns: i64) -> bool {
+        let last = self.imu.as_ref().and_then(|imu| imu.samples.last_ns());
+        let timeout_ns = self.config.estimator.reinitialization.imu_timeout_ns;
+        last.is_none_or(|last| time_ns - last > timeout_ns)
+    }
+
     /// Starts a new window at the newest frame as soon as there are enough landmarks and IMU
     /// samples; see [`reinitialization`]. `covariance` is that of its pose in the previous window,
     /// to which none of its observations is connected.
@@ -110,8 +128,7 @@ impl Odometry {
         if let Some(imu) = &self.imu {
             let until = guess.time_ns;
             let continuous = imu.samples.continuous_since(until);
-            let is_silent = (imu.samples.last_ns())
-                .is_none_or(|last| until - last > config.reinitialization.imu_timeout_ns);
+            let is_silent = self.is_imu_silent(until);
             match continuous {
                 Some(since) if until - since >= config.reinitialization.min_continuous_imu_ns => {
                     let from = since.max(until - self.config.estimator.initialization.window_ns);

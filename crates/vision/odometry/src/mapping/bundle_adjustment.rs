@@ -350,6 +350,25 @@ pub(super) struct Covariances {
     pub(super) stereo: DMatrix<f64>,
 }
 
+/// Frames that neither landmarks nor an IMU connect to earlier ones: of each run without
+/// connections the first and the last.
+fn tracking_losses(window: &Window) -> impl Iterator<Item = usize> {
+    let mut is_connected: Vec<bool> = (window.frames.iter())
+        .map(|frame| frame.motion.as_ref().is_none_or(|m| m.has_gravity))
+        .collect();
+    for landmark in window.landmarks.values() {
+        let [first, last] = [landmark.observations.first(), landmark.observations.last()]
+            .map(|o| o.and_then(|(number, _)| window.position(*number)));
+        if let (Some(first), Some(last)) = (first, last) {
+            is_connected[first + 1..=last].fill(true);
+        }
+    }
+    (1..is_connected.len()).filter(move |k| {
+        let is_inside = !is_connected[k - 1] && is_connected.get(k + 1) == Some(&false);
+        !is_connected[*k] && !is_inside
+    })
+}
+
 /// Computes the covariances of the solution, those of at most about `max_count` poses exactly.
 pub(super) fn covariances(
     config: &Config,
@@ -397,9 +416,11 @@ pub(super) fn covariances(
     };
     let step = count.div_ceil(config.mapping.max_covariances).max(1);
     let mut entries: Vec<usize> = (0..count).step_by(step).collect();
-    if entries.last() != Some(&(count - 1)) {
-        entries.push(count - 1);
-    }
+    entries.push(count - 1);
+    // At a tracking loss covariances change at once.
+    entries.extend(tracking_losses(window).flat_map(|k| [k - 1, k]));
+    entries.sort_unstable();
+    entries.dedup();
     let found: Vec<PoseCovariance> = entries.par_iter().map(|entry| pose_of(*entry)).collect();
     let mut out = Vec::with_capacity(count);
     for k in 0..count {

@@ -351,3 +351,38 @@ fn result_does_not_depend_on_the_number_of_threads() {
     };
     assert_eq!(on(1), on(3));
 }
+
+#[test]
+fn covariance_after_a_tracking_loss_contains_the_motion_meanwhile() {
+    let rig = rig();
+    let loss = STEPS / 2;
+    let mut frames = keyframes(1, 0.0, false);
+    for keyframe in &mut frames[loss..] {
+        for observation in &mut keyframe.observations {
+            observation.id += 1_000_000;
+        }
+    }
+    let mut config = Config::preset(Preset::Balanced);
+    // Covariances are interpolated, but not across the loss.
+    for max_covariances in [STEPS, 6] {
+        config.mapping.max_covariances = max_covariances;
+        let mut mapping = Mapping::new(&rig, &config);
+        for keyframe in frames.clone() {
+            mapping.add_keyframe(keyframe);
+        }
+        let refined = mapping.optimize(|_| {});
+        let yaw_sigmas: Vec<f64> = (refined.poses.iter())
+            .map(|pose| pose.covariance[(5, 5)].sqrt())
+            .collect();
+        // The rotation of a step without observations, from the constant-velocity model.
+        let density = config.inertial.constant_velocity_noise_density[1];
+        let expected = config.backend.covariance.sigma_inflation * density * 0.4_f64.sqrt();
+        println!("{expected:.3} {yaw_sigmas:.3?}");
+        assert!(yaw_sigmas[..loss].iter().all(|sigma| *sigma < 0.1));
+        assert!(
+            yaw_sigmas[loss..]
+                .iter()
+                .all(|sigma| *sigma > 0.6 * expected)
+        );
+    }
+}
