@@ -15,7 +15,7 @@ use nalgebra::Matrix6;
 use odometry::mapping::{
     Connectivity, OdomPose, RefinedExtrinsics, RefinedStereo, interpolate_poses,
 };
-use odometry::{CameraShift, Config, Estimate, Mapping, Odometry, Rig};
+use odometry::{CameraShift, Config, Estimate, ImuUse, Mapping, Odometry, Rig};
 use scene_bundle::{Pose, Status, Trajectory};
 
 use crate::sequences::{OwnedFrameSet, Sequence};
@@ -112,6 +112,11 @@ impl Tracking {
     /// Detected camera shifts.
     pub fn camera_shifts(&self) -> &[CameraShift] {
         self.odometry.camera_shifts()
+    }
+
+    /// The IMUs that were used.
+    pub fn imu_uses(&self) -> &[ImuUse] {
+        self.odometry.imu_uses()
     }
 
     /// Bundle adjustment; `None` without mapping.

@@ -18,7 +18,7 @@ use crate::backend::covariance::{
 };
 use crate::config::Config;
 use crate::estimator::reinitialization::ResetUncertainty;
-use crate::inertial::propagation::{ImuPropagator, constant_velocity};
+use crate::inertial::imu_set::{ImuSet, ImuUse, body_frame, motion_factor};
 use crate::input::FrameSet;
 use crate::keyframe::Keyframe;
 use crate::rig::Rig;
@@ -95,7 +95,7 @@ pub struct Odometry {
     config: Config,
     cameras: Vec<Camera>,
     body_from_rig: RigidTransform,
-    imu: Option<ImuPropagator>,
+    imus: Option<ImuSet>,
     trackers: Vec<Tracker>,
     /// Detectors of stale images, one per camera, with its last fresh left image.
     stale_detectors: Vec<Option<StaleImageDetector>>,
@@ -129,13 +129,13 @@ pub struct Odometry {
 impl Odometry {
     /// Creates the estimator of a rig.
     pub fn new(rig: &Rig, config: Config) -> Self {
-        let (cameras, body_from_rig, imu) = ImuPropagator::of(rig, &config.inertial);
+        let (cameras, body_from_rig) = body_frame(rig);
         let stereo_prior = StereoPrior::new(&config.backend.stereo, &rig.cameras);
         Self {
             config,
             cameras,
             body_from_rig,
-            imu,
+            imus: ImuSet::new(rig, &config),
             trackers: vec![Tracker::new(config.frontend); rig.cameras.len()],
             stale_detectors: vec![None; rig.cameras.len()],
             window: None,
@@ -204,8 +204,8 @@ impl Odometry {
     /// # Ok::<(), Box<dyn std::error::Error>>(())
     /// ```
     pub fn add_imu(&mut self, imu: usize, sample: &ImuSample) {
-        if let Some(own) = self.imu.as_mut().filter(|own| own.index == imu) {
-            own.samples.push(sample, own.range);
+        if let Some(imus) = &mut self.imus {
+            imus.push(imu, sample);
         }
     }
 
@@ -333,15 +333,15 @@ impl Odometry {
             }
         }
         self.last = Some(state);
-        if let (Some(imu), Some(first)) = (&mut self.imu, window.frames.last()) {
+        if let (Some(imus), Some(first)) = (&mut self.imus, window.frames.last()) {
             // The window preintegrates again from its last keyframe.
             let from = if self.newest_is_keyframe {
                 first.state.time_ns
             } else {
                 window.frames[window.frames.len() - 2].state.time_ns
             };
-            imu.samples
-                .forget_before(from.min(time_ns) - self.config.estimator.initialization.window_ns);
+            let window_ns = self.config.estimator.initialization.window_ns;
+            imus.forget_before(from.min(time_ns) - window_ns);
         }
         self.window = Some(window);
         estimate
@@ -422,14 +422,13 @@ impl Odometry {
     }
 
     /// Motion factor from the newest frame of the window to `time_ns`, and the predicted state.
-    fn predict(&self, window: &Window, time_ns: i64) -> (MotionFactor, State) {
+    fn predict(&mut self, window: &Window, time_ns: i64) -> (MotionFactor, State) {
         let from = &window.newest().state;
         let seconds = (time_ns - from.time_ns) as f64 * 1e-9;
-        let preintegrated = (self.imu.as_ref()).and_then(|imu| imu.preintegrate(from, time_ns));
-        let has_gravity = preintegrated.is_some();
-        let preintegrated = preintegrated.unwrap_or_else(|| {
-            constant_velocity(&self.config.inertial, from, self.rate(), time_ns)
-        });
+        let rate = self.rate();
+        let imus = self.imus.as_mut();
+        let motion = motion_factor(imus, &self.config, from, time_ns, rate, true);
+        let (preintegrated, has_gravity) = (&motion.preintegrated, motion.has_gravity);
         let gravity = if has_gravity {
             Vector3::new(0.0, 0.0, -crate::backend::state::GRAVITY)
         } else {
@@ -458,22 +457,12 @@ impl Odometry {
                 ..guess
             };
         }
-        let bias_walk = self
-            .imu
-            .as_ref()
-            .map_or([1e-6; 2], ImuPropagator::bias_walk);
-        let motion = MotionFactor {
-            preintegrated,
-            has_gravity,
-            bias_walk,
-        };
         (motion, guess)
     }
 
     /// Gyroscope measurement at a time, rad/s; `None` if it is missing or saturated.
     fn gyro_rate(&self, time_ns: i64) -> Option<Vector3<f64>> {
-        let (reading, is_near) = self.imu.as_ref()?.samples.at(time_ns)?;
-        (is_near && !reading.saturated).then_some(reading.gyro)
+        self.imus.as_ref()?.current().gyro_rate(time_ns)
     }
 
     /// Last angular rate in the body frame, rad/s.
@@ -532,7 +521,7 @@ impl Odometry {
         let arm = self.body_from_rig.translation();
         let velocity = state.velocity + state.rotation * state.rate().cross(arm);
         let world_from_rig = state.world_from_rig(&self.body_from_rig);
-        if self.imu.is_none() {
+        if self.imus.is_none() {
             covariance += tilt_uncertainty(&self.config.backend.covariance, &world_from_rig);
         }
         Estimate {
@@ -553,6 +542,12 @@ impl Odometry {
             gyro_bias: state.gyro_bias,
             accel_bias: state.accel_bias,
         }
+    }
+
+    /// The IMUs whose samples were used, in order of time: the first one with samples, then those
+    /// that took over. Empty without IMU or before the first frame set.
+    pub fn imu_uses(&self) -> &[ImuUse] {
+        self.imus.as_ref().map_or(&[], ImuSet::uses)
     }
 
     /// Detected camera shifts, in order of time, as estimated when they happened.

@@ -118,6 +118,7 @@ mod test_rig;
 pub use camera_models::ImuSample;
 pub use config::{Config, Preset};
 pub use estimator::{CameraShift, Estimate, Odometry, Status};
+pub use inertial::imu_set::ImuUse;
 pub use input::{FrameSet, View};
 pub use keyframe::Keyframe;
 pub use mapping::{Mapping, Refined};

@@ -22,7 +22,7 @@ use crate::backend::stereo::{self, StereoPrior};
 use crate::backend::window::{Frame, Landmark, MotionFactor, Prior, Window};
 use crate::config::Config;
 use crate::estimator::initialization::initial_sigmas;
-use crate::inertial::propagation::{ImuPropagator, constant_velocity};
+use crate::inertial::imu_set::{ImuSet, body_frame, motion_factor};
 use crate::keyframe::Keyframe;
 use crate::rig::Rig;
 use camera_models::ImuSample;
@@ -154,7 +154,7 @@ pub struct Mapping {
     extrinsics: Vec<ExtrinsicsPrior>,
     stereo_prior: StereoPrior,
     body_from_rig: RigidTransform,
-    imu: Option<ImuPropagator>,
+    imus: Option<ImuSet>,
     config: Config,
     keyframes: Vec<Keyframe>,
     motions: Vec<Option<MotionFactor>>,
@@ -163,7 +163,7 @@ pub struct Mapping {
 impl Mapping {
     /// Creates the mapping of a rig, with the configuration of the estimator.
     pub fn new(rig: &Rig, config: &Config) -> Self {
-        let (cameras, body_from_rig, imu) = ImuPropagator::of(rig, &config.inertial);
+        let (cameras, body_from_rig) = body_frame(rig);
         let nominal = rig.cameras.iter().zip(&cameras);
         Self {
             extrinsics: nominal
@@ -174,7 +174,7 @@ impl Mapping {
             stereo_prior: StereoPrior::new(&config.backend.stereo, &rig.cameras),
             cameras,
             body_from_rig,
-            imu,
+            imus: ImuSet::new(rig, config),
             config: *config,
             keyframes: Vec::new(),
             motions: Vec::new(),
@@ -183,8 +183,8 @@ impl Mapping {
 
     /// Adds a sample of the IMU with this index in the rig.
     pub fn add_imu(&mut self, imu: usize, sample: &ImuSample) {
-        if let Some(own) = self.imu.as_mut().filter(|own| own.index == imu) {
-            own.samples.push(sample, own.range);
+        if let Some(imus) = &mut self.imus {
+            imus.push(imu, sample);
         }
     }
 
@@ -193,24 +193,24 @@ impl Mapping {
         let to = &keyframe.state;
         let motion = self.keyframes.last().map(|from| {
             let from = State::from(&from.state);
-            let imu = self.imu.as_ref().filter(|_| keyframe.imu_valid);
-            let preintegrated = imu.and_then(|imu| imu.preintegrate(&from, to.time_ns));
             let seconds = (to.time_ns - from.time_ns) as f64 * 1e-9;
-            MotionFactor {
-                has_gravity: preintegrated.is_some(),
-                bias_walk: self
-                    .imu
-                    .as_ref()
-                    .map_or([1e-6; 2], ImuPropagator::bias_walk),
-                preintegrated: preintegrated.unwrap_or_else(|| {
-                    let rotation_change = from.rotation.inverse() * to.rotation;
-                    let rate = cad_transforms::so3::log(&rotation_change) / seconds.max(1e-3);
-                    constant_velocity(&self.config.inertial, &from, rate, to.time_ns)
-                }),
-            }
+            let rotation_change = from.rotation.inverse() * to.rotation;
+            let rate = cad_transforms::so3::log(&rotation_change) / seconds.max(1e-3);
+            let (imus, has_valid_samples) = (self.imus.as_mut(), keyframe.imu_valid);
+            motion_factor(
+                imus,
+                &self.config,
+                &from,
+                to.time_ns,
+                rate,
+                has_valid_samples,
+            )
         });
-        if let Some(imu) = &mut self.imu {
-            imu.samples.forget_before(to.time_ns - 50_000_000);
+        if let Some(imus) = &mut self.imus {
+            if motion.is_none() {
+                imus.initialize(to.time_ns);
+            }
+            imus.forget_before(to.time_ns - 50_000_000);
         }
         self.motions.push(motion);
         self.keyframes.push(keyframe);
@@ -276,7 +276,7 @@ impl Mapping {
                         &self.body_from_rig,
                         covariance,
                     );
-                    if self.imu.is_none() {
+                    if self.imus.is_none() {
                         covariance +=
                             tilt_uncertainty(&self.config.backend.covariance, &world_from_rig);
                     }
@@ -332,9 +332,9 @@ impl Mapping {
 
     /// A window of all keyframes.
     fn window(&self, first: &State) -> Window {
-        let mut sigmas = initial_sigmas(&self.config.estimator.initialization, self.imu.is_some());
+        let mut sigmas = initial_sigmas(&self.config.estimator.initialization, self.imus.is_some());
         let is_levelled = self.motions.iter().flatten().any(|m| m.has_gravity);
-        if self.imu.is_some() && !is_levelled {
+        if self.imus.is_some() && !is_levelled {
             sigmas[ROTATION..ROTATION + 3]
                 .fill(self.config.estimator.initialization.unknown_tilt_sigma_rad);
         }

@@ -9,7 +9,7 @@
 
 use ::odometry::mapping::{Connectivity, OdomPose, Progress, RefinedStereo, interpolate_poses};
 use ::odometry::{ImuSample, Mapping, Refined};
-use scene_bundle::outputs::rig::{RigCamera, RigModel};
+use scene_bundle::outputs::rig::{RigCamera, RigImu, RigModel};
 use scene_bundle::outputs::trajectory::TrajectoryWriter;
 use scene_bundle::outputs::{
     self, RIG, RIG_REFINED, TRACKS, TRAJECTORY, TRAJECTORY_CAUSAL, TRAJECTORY_ODOM,
@@ -55,26 +55,18 @@ impl Stage<Input> for BundleAdjustmentStage {
         let odom = outputs::trajectory::read(&work.read(TRAJECTORY_ODOM)?)?;
         let keyframes = outputs::tracks::read(&work.read(TRACKS)?, model.cameras.len())?;
         let mut mapping = Mapping::new(&rig::odometry_rig(&model), &before::config(self.preset));
-        let mut samples = Vec::new();
-        if let Some(imu) = model.imus.first() {
-            for batch in work.source().session().imu_batches(&imu.name)? {
-                match batch {
-                    Ok(batch) => samples.extend(batch),
-                    Err(loss) => work.record_loss_from(&loss),
-                }
-            }
-        }
-        // As in the odometry: batches may overlap where a clock map was replaced.
-        sort_by_time(&mut samples);
-        let samples: Vec<ImuSample> = samples.into_iter().map(|s| ImuSample::from(&s)).collect();
-        let mut given = 0;
+        let samples = imu_samples(work, &model)?;
+        let mut given = vec![0; samples.len()];
         for keyframe in keyframes {
-            // Up to one sample later, so that the motion is known up to the keyframe.
-            let to = samples.partition_point(|s| s.time_ns < keyframe.time_ns) + 1;
-            for sample in &samples[given.min(samples.len())..to.min(samples.len())] {
-                mapping.add_imu(0, sample);
+            for (imu, (samples, given)) in samples.iter().zip(&mut given).enumerate() {
+                // Up to one sample later, so that the motion is known up to the keyframe.
+                let later = samples.partition_point(|s| s.time_ns < keyframe.time_ns);
+                let to = (later + 1).min(samples.len()).max(*given);
+                for sample in &samples[*given..to] {
+                    mapping.add_imu(imu, sample);
+                }
+                *given = to;
             }
-            given = given.max(to);
             mapping.add_keyframe(before::from_tracked(keyframe));
         }
         let adjusted = mapping.optimize(|progress| match progress {
@@ -205,4 +197,24 @@ fn odom_pose(pose: &Pose) -> OdomPose {
                 *covariance.matrix()
             }),
     }
+}
+
+/// The samples of each IMU of the rig in order of time.
+fn imu_samples(
+    work: &Work<'_, Input>,
+    model: &RigModel,
+) -> Result<Vec<Vec<ImuSample>>, StageError> {
+    let of_imu = |imu: &RigImu| -> Result<Vec<ImuSample>, StageError> {
+        let mut samples = Vec::new();
+        for batch in work.source().session().imu_batches(&imu.name)? {
+            match batch {
+                Ok(batch) => samples.extend(batch),
+                Err(loss) => work.record_loss_from(&loss),
+            }
+        }
+        // As in the odometry: batches may overlap where a clock map was replaced.
+        sort_by_time(&mut samples);
+        Ok(samples.iter().map(ImuSample::from).collect())
+    };
+    model.imus.iter().map(of_imu).collect()
 }

@@ -4,8 +4,9 @@
 //! data before it only; sets that cannot be read are losses and are bridged by the IMU. Memory does
 //! not grow with the session.
 
-use ::odometry::{Config, Odometry, Status};
+use ::odometry::{Config, ImuUse, Odometry, Status};
 use cad_transforms::{Covariance, RigidTransform};
+use scene_bundle::outputs::rig::RigModel;
 use scene_bundle::outputs::tracks::{Keypoint, StereoObservation, TrackedKeyframe, TracksWriter};
 use scene_bundle::outputs::trajectory::TrajectoryWriter;
 use scene_bundle::outputs::{RIG, TRACKS, TRAJECTORY_CAUSAL, TRAJECTORY_ODOM};
@@ -123,6 +124,7 @@ impl Stage<Input> for OdometryStage {
         for keyframe in odometry.take_keyframes(true) {
             tracks.push(&to_tracked(&keyframe))?;
         }
+        imu_notes(odometry.imu_uses(), &model).for_each(|note| work.note(note));
         if reckoned > 0 {
             work.note(format!("{reckoned} of {all} poses are dead reckoned"));
         }
@@ -142,6 +144,22 @@ impl Stage<Input> for OdometryStage {
         tracks.finish()?;
         Ok(())
     }
+}
+
+/// Which IMU was used when, if not the first one of the rig throughout.
+fn imu_notes<'a>(uses: &'a [ImuUse], model: &'a RigModel) -> impl Iterator<Item = String> + 'a {
+    let is_first_throughout = matches!(uses, [] | [ImuUse { imu: 0, .. }]);
+    let uses = uses.iter().filter(move |_| !is_first_throughout);
+    uses.enumerate().map(move |(k, used)| {
+        let (name, time_ns) = (&model.imus[used.imu].name, used.time_ns);
+        match k {
+            0 => format!("IMU {name} is used at the start, at {time_ns} ns"),
+            _ => format!(
+                "IMU {name} is used from {time_ns} ns on: the one before had no samples, or was \
+                 saturated"
+            ),
+        }
+    })
 }
 
 fn pose(estimate: &::odometry::Estimate) -> Pose {

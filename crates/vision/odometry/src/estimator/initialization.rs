@@ -20,6 +20,7 @@ use crate::backend::state::{
 };
 use crate::config::InitializationConfig;
 use crate::inertial::imu_buffer::Reading;
+use crate::inertial::imu_set::continuous_readings;
 
 /// Standard deviations of the first state if only the gauge is known: position and heading.
 pub(crate) fn initial_sigmas(config: &InitializationConfig, has_imu: bool) -> [f64; STATE_DIM] {
@@ -94,16 +95,16 @@ impl Odometry {
         exposure_offset_s: &[f64],
     ) -> Estimate {
         let mut readings = Vec::new();
-        if let Some(imu) = &self.imu {
+        if let Some(imus) = &mut self.imus {
+            imus.initialize(time_ns);
+            let imu = imus.current();
             // Samples without a gap up to now. A single sample does not prove rest, but roughly
             // gives the vertical.
-            let since = imu.samples.continuous_since(time_ns).unwrap_or(time_ns);
-            if since < time_ns {
-                let from = since.max(time_ns - self.config.estimator.initialization.window_ns);
-                imu.samples.between(from, time_ns, &mut readings);
-            } else {
-                let near = imu.samples.at(time_ns);
-                let near = near.filter(|(reading, is_near)| *is_near && !reading.saturated);
+            let window_ns = self.config.estimator.initialization.window_ns;
+            readings = continuous_readings(imu, time_ns, window_ns);
+            if readings.is_empty() {
+                let near = imu.at(time_ns);
+                let near = near.filter(|(r, is_near)| *is_near && r.saturated == [false; 2]);
                 readings.extend(near.map(|(reading, _)| reading));
             }
         }
@@ -111,7 +112,7 @@ impl Odometry {
             &self.config.estimator.initialization,
             time_ns,
             &readings,
-            self.imu.is_some(),
+            self.imus.is_some(),
         );
         let mut window = self.window_of(state, &sigmas);
         for (k, (tracker, pyramids)) in self.trackers.iter_mut().zip(pyramids).enumerate() {
@@ -186,7 +187,7 @@ mod tests {
                     time_ns: k as i64 * 2_000_000,
                     gyro: Vector3::new(0.01, -0.005, 0.002 + motion * (9.0 * t).sin()),
                     accel: Vector3::new(0.0, 9.8, 0.3),
-                    saturated: false,
+                    saturated: [false; 2],
                 }
             })
             .collect()

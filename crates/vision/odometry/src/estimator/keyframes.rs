@@ -209,7 +209,8 @@ pub(super) fn finish_keyframe(
 }
 
 fn imu_valid(frame: &Frame) -> bool {
-    frame.motion.as_ref().is_some_and(|m| m.has_gravity)
+    let motion = frame.motion.as_ref();
+    motion.is_some_and(|m| m.has_gravity || m.preintegrated.has_gyroscope())
 }
 
 /// Index of the frame to marginalize: the second newest if there is little motion from it to the

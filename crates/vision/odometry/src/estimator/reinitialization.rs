@@ -21,6 +21,7 @@ use crate::backend::window::Window;
 use crate::config::EstimatorConfig;
 use crate::estimator::initialization::initialize_static;
 use crate::inertial::imu_buffer::Reading;
+use crate::inertial::imu_set::continuous_readings;
 
 /// A pose at a reset, and its uncertainty that applies since then.
 #[derive(Clone, Copy, Debug)]
@@ -125,14 +126,14 @@ impl Odometry {
         let config = &self.config.estimator;
         let guess = window.newest().state;
         let mut readings = Vec::new();
-        if let Some(imu) = &self.imu {
-            let until = guess.time_ns;
+        if let Some(imus) = &self.imus {
+            let (until, imu) = (guess.time_ns, imus.current());
             let continuous = imu.samples.continuous_since(until);
             let is_silent = self.is_imu_silent(until);
             match continuous {
                 Some(since) if until - since >= config.reinitialization.min_continuous_imu_ns => {
-                    let from = since.max(until - self.config.estimator.initialization.window_ns);
-                    imu.samples.between(from, until, &mut readings);
+                    let window_ns = config.initialization.window_ns;
+                    readings = continuous_readings(imu, until, window_ns);
                 }
                 _ if is_silent => {}
                 _ => return,
@@ -142,8 +143,14 @@ impl Odometry {
             return;
         }
         let covariance = self.with_unmodeled(&guess, *covariance);
-        let (state, sigmas, uncertainty) =
-            reinitialize(config, &guess, &covariance, &readings, self.imu.is_some());
+        let (state, mut sigmas, uncertainty) =
+            reinitialize(config, &guess, &covariance, &readings, self.imus.is_some());
+        if self.imus.as_ref().is_some_and(|imus| imus.uses().len() > 1) {
+            // The biases of an IMU that took over may not have been estimated before.
+            let [gyro, accel] = config.initialization.bias_sigma;
+            sigmas[GYRO_BIAS..ACCEL_BIAS].fill(gyro);
+            sigmas[ACCEL_BIAS..].fill(accel);
+        }
         for frame in &window.frames[..window.frames.len() - 1] {
             self.ready.extend(finish_keyframe(&mut self.pending, frame));
         }
@@ -186,7 +193,7 @@ mod tests {
                 time_ns: k * 4_000_000,
                 gyro: Vector3::new(0.5, 0.0, 0.0),
                 accel: specific_force,
-                saturated: false,
+                saturated: [false; 2],
             })
             .collect();
         let covariance = Matrix6::identity();

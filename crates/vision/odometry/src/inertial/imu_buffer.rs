@@ -21,9 +21,13 @@ pub(crate) struct Reading {
     pub(crate) time_ns: i64,
     pub(crate) gyro: Vector3<f64>,
     pub(crate) accel: Vector3<f64>,
-    /// Whether the sensor was saturated.
-    pub(crate) saturated: bool,
+    /// Whether gyroscope and accelerometer were saturated.
+    pub(crate) saturated: [bool; 2],
 }
+
+/// Indices of pairs of the two sensors of an IMU.
+pub(crate) const GYROSCOPE: usize = 0;
+const ACCELEROMETER: usize = 1;
 
 /// Recent samples, in order of time.
 #[derive(Clone, Debug)]
@@ -43,7 +47,11 @@ pub(crate) struct ImuBuffer {
 pub(crate) enum Coverage {
     /// Samples without a gap.
     Complete,
-    /// Samples are missing.
+    /// The accelerometer was saturated.
+    GyroscopeOnly,
+    /// The gyroscope was saturated.
+    AccelerometerOnly,
+    /// Samples are missing, or both sensors were saturated.
     Gap,
 }
 
@@ -73,7 +81,10 @@ impl ImuBuffer {
             time_ns: sample.time_ns,
             gyro: sample.gyro.into(),
             accel: sample.accel.into(),
-            saturated: at_end(&sample.gyro, range[0]) || at_end(&sample.accel, range[1]),
+            saturated: [
+                at_end(&sample.gyro, range[GYROSCOPE]),
+                at_end(&sample.accel, range[ACCELEROMETER]),
+            ],
         });
         self.detect_saturation();
     }
@@ -107,11 +118,11 @@ impl ImuBuffer {
             if self.same[k] + 1 >= min_run {
                 self.saturation_levels[k] = value.abs();
                 for reading in self.readings.iter_mut().rev().take(self.same[k] + 1) {
-                    reading.saturated = true;
+                    reading.saturated[k / 3] = true;
                 }
             }
             if value.abs() >= 0.999 * self.saturation_levels[k] {
-                self.readings[count - 1].saturated = true;
+                self.readings[count - 1].saturated[k / 3] = true;
             }
         }
     }
@@ -124,7 +135,8 @@ impl ImuBuffer {
     }
 
     /// Samples of an interval, with interpolated ones at both ends. If samples are missing, the gap
-    /// is interpolated and the result is [`Coverage::Gap`]; it is empty without samples.
+    /// is interpolated and the result is [`Coverage::Gap`]; it is empty without samples. A sensor
+    /// that was saturated in any of them does not count.
     pub(crate) fn between(&self, from_ns: i64, to_ns: i64, out: &mut Vec<Reading>) -> Coverage {
         out.clear();
         let first = self.readings.partition_point(|r| r.time_ns <= from_ns);
@@ -141,11 +153,12 @@ impl ImuBuffer {
         for k in lo + 1..hi {
             whole &= self.readings[k].time_ns - self.readings[k - 1].time_ns <= self.gap_ns;
         }
-        whole &= !out.iter().any(|r| r.saturated);
-        if whole {
-            Coverage::Complete
-        } else {
-            Coverage::Gap
+        let is_saturated = |sensor: usize| out.iter().any(|r| r.saturated[sensor]);
+        match (whole, is_saturated(GYROSCOPE), is_saturated(ACCELEROMETER)) {
+            (true, false, false) => Coverage::Complete,
+            (true, false, true) => Coverage::GyroscopeOnly,
+            (true, true, false) => Coverage::AccelerometerOnly,
+            (true, true, true) | (false, ..) => Coverage::Gap,
         }
     }
 
@@ -154,7 +167,7 @@ impl ImuBuffer {
         let end = self.readings.partition_point(|r| r.time_ns <= until_ns);
         let mut since = until_ns;
         for reading in self.readings.range(..end).rev() {
-            if reading.saturated || since - reading.time_ns > self.gap_ns {
+            if reading.saturated != [false; 2] || since - reading.time_ns > self.gap_ns {
                 break;
             }
             since = reading.time_ns;
@@ -191,10 +204,23 @@ impl ImuBuffer {
             time_ns,
             gyro: a.gyro.lerp(&b.gyro, t),
             accel: a.accel.lerp(&b.accel, t),
-            saturated: a.saturated || b.saturated,
+            saturated: [0, 1].map(|sensor| a.saturated[sensor] || b.saturated[sensor]),
         };
         Some((reading, b.time_ns - a.time_ns <= self.gap_ns))
     }
+}
+
+/// An IMU that is not at the origin of the body frame but has its axes.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct LeverArm {
+    /// Position of the IMU in the body frame, m.
+    pub(crate) arm: Vector3<f64>,
+    /// Angular rates at the first and the last instant without bias, rad/s.
+    pub(crate) rates: [Vector3<f64>; 2],
+    /// Their white noise, rad/s.
+    pub(crate) rate_sigma: f64,
+    /// Their relative error.
+    pub(crate) scale_error: f64,
 }
 
 /// Components of a preintegrated motion: rotation, velocity, displacement.
@@ -327,6 +353,51 @@ impl Preintegrated {
         }
     }
 
+    /// Whether it has the rotation of a gyroscope.
+    pub(crate) fn has_gyroscope(&self) -> bool {
+        self.by_bias.fixed_view::<3, 3>(0, 0).amax() > 0.0
+    }
+
+    /// The motion of the origin of the body frame from that of an IMU elsewhere in it.
+    ///
+    /// With the arm `r`, the rotation `R` and the rates `a`, `b` at both ends, the position of the
+    /// IMU is `p + R r` and its velocity `v + R (w x r)`, so that the displacement becomes
+    /// `d + r + (a x r) t - R r` and the velocity change `v + a x r - R (b x r)`. The noise of the
+    /// rates at the ends is added as if it were independent of the rotation and of the motions
+    /// before and after.
+    pub(crate) fn at_body_origin(mut self, lever: &LeverArm) -> Self {
+        let (t, arm, [first, last]) = (self.seconds, lever.arm, lever.rates);
+        let rotation = self.rotation.to_rotation_matrix().into_inner();
+        self.displacement += arm + first.cross(&arm) * t - rotation * arm;
+        self.velocity += first.cross(&arm) - rotation * last.cross(&arm);
+        // By the error of the rotation, and by those of the rates.
+        let mut transfer = SMatrix::<f64, 9, 9>::identity();
+        let mut set = |row: usize, block: Matrix3<f64>| {
+            transfer.fixed_view_mut::<3, 3>(row, 0).copy_from(&block);
+        };
+        set(3, rotation * last.cross(&arm).cross_matrix());
+        set(6, rotation * arm.cross_matrix());
+        let (mut by_first, mut by_last) =
+            (SMatrix::<f64, 9, 3>::zeros(), SMatrix::<f64, 9, 3>::zeros());
+        let cross = arm.cross_matrix();
+        by_first.fixed_view_mut::<3, 3>(3, 0).copy_from(&-cross);
+        by_first
+            .fixed_view_mut::<3, 3>(6, 0)
+            .copy_from(&(-cross * t));
+        by_last
+            .fixed_view_mut::<3, 3>(3, 0)
+            .copy_from(&(rotation * cross));
+        self.covariance = transfer * self.covariance * transfer.transpose();
+        for (by_rate, rate) in [(by_first, first), (by_last, last)] {
+            let variance = lever.rate_sigma.powi(2) + (lever.scale_error * rate.norm()).powi(2);
+            self.covariance += by_rate * by_rate.transpose() * variance;
+        }
+        self.by_bias = transfer * self.by_bias;
+        let mut by_gyro_bias = self.by_bias.fixed_columns_mut::<3>(0);
+        by_gyro_bias -= by_first + by_last;
+        self
+    }
+
     /// Rotation, velocity and displacement for other biases, to first order.
     pub(crate) fn bias_corrected(
         &self,
@@ -350,205 +421,4 @@ impl Preintegrated {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    const NOISE: ImuNoise = ImuNoise {
-        gyro_noise_density: 1e-3,
-        gyro_random_walk: 1e-5,
-        accel_noise_density: 1e-2,
-        accel_random_walk: 1e-4,
-    };
-
-    fn readings(rate_hz: f64, seconds: f64) -> Vec<Reading> {
-        (0..=(seconds * rate_hz) as i64)
-            .map(|k| {
-                let t = k as f64 / rate_hz;
-                Reading {
-                    time_ns: (t * 1e9).round() as i64,
-                    gyro: Vector3::new((3.0 * t).sin(), 1.4 * (4.0 * t).cos(), (2.0 * t).sin()),
-                    accel: Vector3::new(3.0 * (5.0 * t).cos(), 1.0 + t, 9.0 + (6.0 * t).sin()),
-                    saturated: false,
-                }
-            })
-            .collect()
-    }
-
-    fn nine(a: &Preintegrated, b: &Preintegrated) -> Nine {
-        let mut out = Nine::zeros();
-        out.fixed_rows_mut::<3>(0)
-            .copy_from(&so3::log(&(a.rotation.inverse() * b.rotation)));
-        out.fixed_rows_mut::<3>(3)
-            .copy_from(&(b.velocity - a.velocity));
-        out.fixed_rows_mut::<3>(6)
-            .copy_from(&(b.displacement - a.displacement));
-        out
-    }
-
-    #[test]
-    fn constant_samples_of_a_moving_axis_are_saturated() {
-        let range = [10.0, 80.0];
-        let clip = |limit: f64| {
-            let mut samples = ImuBuffer::new(&InertialConfig::default(), 400.0);
-            let mut saturated = Vec::new();
-            for k in 0..400_i64 {
-                let t = k as f64 / 400.0;
-                let gyro = [(2.0 * (9.0 * t).sin()).clamp(-limit, limit), 0.1, 0.0];
-                // Gravity with noise in the last digit.
-                let sample = ImuSample {
-                    time_ns: k,
-                    gyro: [gyro[0], gyro[1] + 1e-3 * (k % 3) as f64, gyro[2]],
-                    accel: [0.0, 0.0, 9.8 + 0.002 * (k % 7 / 3) as f64],
-                };
-                samples.push(&sample, range);
-            }
-            saturated.extend(samples.readings.iter().map(|r| r.saturated));
-            let beyond = |r: &Reading| (2.0 * (9.0 * r.time_ns as f64 / 400.0).sin()).abs() > limit;
-            let all = samples.readings.iter().filter(|r| beyond(r)).count();
-            (all, saturated.iter().filter(|c| **c).count())
-        };
-        let (all, found) = clip(1.0);
-        assert!(all > 200 && found.abs_diff(all) < 8, "{found} of {all}");
-        // At rest samples repeat.
-        assert_eq!(clip(5.0), (0, 0));
-    }
-
-    #[test]
-    fn gravity_beyond_the_range_is_saturated() {
-        let saturated = |limit: f64| {
-            let mut samples = ImuBuffer::new(&InertialConfig::default(), 100.0);
-            for k in 0..200_i64 {
-                // Gravity with noise, with a tilted axis.
-                let noise = 0.02 * ((k * k % 17) as f64 / 8.0 - 1.0);
-                let accel = [1.8 + noise, 0.2 - noise, 9.6 + noise];
-                samples.push(
-                    &ImuSample {
-                        time_ns: k,
-                        gyro: [0.0; 3],
-                        accel: accel.map(|a| a.clamp(-limit, limit)),
-                    },
-                    [10.0, 80.0],
-                );
-            }
-            samples.readings.iter().filter(|r| r.saturated).count()
-        };
-        assert_eq!(saturated(80.0), 0);
-        assert!(saturated(1.5) >= 199, "{}", saturated(1.5));
-    }
-
-    #[test]
-    fn bias_jacobians_equal_finite_differences() {
-        let readings = readings(400.0, 0.2);
-        let (bg, ba) = (
-            Vector3::new(0.01, -0.02, 0.03),
-            Vector3::new(0.1, 0.2, -0.1),
-        );
-        let here = Preintegrated::new(
-            &readings,
-            &bg,
-            &ba,
-            &NOISE,
-            &InertialConfig::default().scale_error,
-        );
-        for k in 0..6 {
-            let h = 1e-5;
-            let mut d = SMatrix::<f64, 6, 1>::zeros();
-            d[k] = h;
-            let (dg, da) = (
-                d.fixed_rows::<3>(0).into_owned(),
-                d.fixed_rows::<3>(3).into_owned(),
-            );
-            let there = Preintegrated::new(
-                &readings,
-                &(bg + dg),
-                &(ba + da),
-                &NOISE,
-                &InertialConfig::default().scale_error,
-            );
-            let by = nine(&here, &there) / h;
-            // The mean of the rotated force at both ends approximates a 2 : 1 weighting in the
-            // displacement.
-            assert!((by - here.by_bias.column(k)).amax() < 2e-4, "{k}");
-            let (rotation, velocity, displacement) = here.bias_corrected(&(bg + dg), &(ba + da));
-            assert!(rotation.angle_to(&there.rotation) < 1e-9);
-            assert!((velocity - there.velocity).norm() < 1e-8);
-            assert!((displacement - there.displacement).norm() < 1e-8);
-        }
-    }
-
-    #[test]
-    fn preintegration_converges_with_the_sample_rate() {
-        let zero = Vector3::zeros();
-        let fine = Preintegrated::new(
-            &readings(20_000.0, 0.2),
-            &zero,
-            &zero,
-            &NOISE,
-            &InertialConfig::default().scale_error,
-        );
-        for (rate_hz, limit) in [(200.0, 2e-4), (800.0, 2e-5)] {
-            let coarse = Preintegrated::new(
-                &readings(rate_hz, 0.2),
-                &zero,
-                &zero,
-                &NOISE,
-                &InertialConfig::default().scale_error,
-            );
-            let systematic_error = nine(&fine, &coarse).amax();
-            assert!(systematic_error < limit, "{rate_hz}: {systematic_error}");
-        }
-    }
-
-    #[test]
-    fn sample_that_is_not_finite_is_dropped() {
-        let mut samples = ImuBuffer::new(&InertialConfig::default(), 100.0);
-        for k in 0..20 {
-            let mut sample = ImuSample {
-                time_ns: k * 10_000_000,
-                gyro: [0.01 * k as f64, 0.0, 0.0],
-                accel: [0.0, 0.0, 9.8 + 1e-3 * k as f64],
-            };
-            match k {
-                5 => sample.gyro[1] = f64::NAN,
-                9 => sample.accel[2] = f64::INFINITY,
-                _ => {}
-            }
-            samples.push(&sample, [f64::INFINITY; 2]);
-        }
-        let mut out = Vec::new();
-        assert_eq!(
-            samples.between(0, 190_000_000, &mut out),
-            Coverage::Complete
-        );
-        assert_eq!(out.len(), 18);
-        assert!(out.iter().all(|r| r.gyro.y == 0.0 && r.accel.z < 9.9));
-    }
-
-    #[test]
-    fn gap_and_end_of_samples_are_reported() {
-        let mut samples = ImuBuffer::new(&InertialConfig::default(), 100.0);
-        for k in (0..50).chain(80..100) {
-            let sample = ImuSample {
-                time_ns: k * 10_000_000,
-                gyro: [k as f64, 0.0, 0.0],
-                accel: [0.0; 3],
-            };
-            samples.push(&sample, [f64::INFINITY; 2]);
-        }
-        let mut out = Vec::new();
-        assert_eq!(
-            samples.between(105_000_000, 305_000_000, &mut out),
-            Coverage::Complete
-        );
-        assert_eq!(out.len(), 22);
-        assert!((out[0].gyro.x - 10.5).abs() < 1e-9 && (out[21].gyro.x - 30.5).abs() < 1e-9);
-        assert_eq!(
-            samples.between(400_000_000, 850_000_000, &mut out),
-            Coverage::Gap
-        );
-        assert_eq!(
-            samples.between(900_000_000, 1_200_000_000, &mut out),
-            Coverage::Gap
-        );
-    }
-}
+mod tests;

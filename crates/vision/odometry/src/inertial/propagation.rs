@@ -1,38 +1,36 @@
-//! IMU propagation between frames, and the constant-velocity model without IMU samples.
+//! Motion by one IMU between frames, and the constant-velocity model without IMU samples.
 
 use cad_transforms::RigidTransform;
-use camera_models::ImuNoise;
-use nalgebra::{SMatrix, Vector3};
+use camera_models::{ImuNoise, ImuSample};
+use nalgebra::{SMatrix, UnitQuaternion, Vector3};
 
-use crate::backend::observation::Camera;
 use crate::backend::state::State;
 use crate::config::InertialConfig;
-use crate::inertial::imu_buffer::{Coverage, ImuBuffer, Preintegrated, Reading};
-use crate::rig::Rig;
+use crate::inertial::imu_buffer::{
+    Coverage, GYROSCOPE, ImuBuffer, LeverArm, Preintegrated, Reading,
+};
+use crate::rig::Imu;
 
-/// The IMU in use, with its buffer.
+/// One IMU with its buffer.
+///
+/// Contract: readings and biases are in the axes of the body frame. An IMU elsewhere on the plate
+/// has a lever arm, which is part of its preintegrated motion: the motion is that of the origin of
+/// the body frame.
 pub(crate) struct ImuPropagator {
-    pub(crate) index: usize,
-    pub(crate) noise: ImuNoise,
-    pub(crate) range: [f64; 2],
     pub(crate) samples: ImuBuffer,
-    scale_error: [f64; 2],
+    noise: ImuNoise,
+    range: [f64; 2],
+    rate_hz: f64,
+    body_from_imu: UnitQuaternion<f64>,
+    /// Position of the IMU in the body frame, m.
+    arm: Vector3<f64>,
+    config: InertialConfig,
 }
 
 impl ImuPropagator {
-    /// Cameras, body frame and IMU of a rig: the body frame is that of the first IMU, or the rig
-    /// frame without an IMU.
-    pub(crate) fn of(
-        rig: &Rig,
-        config: &InertialConfig,
-    ) -> (Vec<Camera>, RigidTransform, Option<Self>) {
-        let body_from_rig = rig
-            .imus
-            .first()
-            .map_or_else(RigidTransform::identity, |imu| imu.rig_from_imu.inverse());
-        let cameras = rig.cameras.iter();
-        let imu = rig.imus.first().map(|imu| Self {
-            index: 0,
+    pub(crate) fn new(imu: &Imu, body_from_imu: &RigidTransform, config: &InertialConfig) -> Self {
+        Self {
+            samples: ImuBuffer::new(config, imu.rate_hz),
             noise: ImuNoise {
                 gyro_noise_density: imu.noise.gyro_noise_density * config.noise_inflation,
                 accel_noise_density: imu.noise.accel_noise_density * config.noise_inflation,
@@ -40,26 +38,95 @@ impl ImuPropagator {
                 accel_random_walk: imu.noise.accel_random_walk * config.noise_inflation,
             },
             range: imu.range,
-            samples: ImuBuffer::new(config, imu.rate_hz),
-            scale_error: config.scale_error,
-        });
-        let cameras = cameras.map(|c| Camera::new(c, &body_from_rig)).collect();
-        (cameras, body_from_rig, imu)
+            rate_hz: imu.rate_hz,
+            body_from_imu: *body_from_imu.rotation(),
+            arm: *body_from_imu.translation(),
+            config: *config,
+        }
     }
 
-    /// Preintegrated motion from a state to a time; `None` if samples are missing or saturated.
-    pub(crate) fn preintegrate(&self, from: &State, to_ns: i64) -> Option<Preintegrated> {
+    /// Adds a sample.
+    pub(crate) fn push(&mut self, sample: &ImuSample) {
+        self.samples.push(sample, self.range);
+    }
+
+    /// Reading at a time, and whether its neighbors are near.
+    pub(crate) fn at(&self, time_ns: i64) -> Option<(Reading, bool)> {
+        let (reading, is_near) = self.samples.at(time_ns)?;
+        Some((self.in_body(&reading), is_near))
+    }
+
+    /// Readings of an interval, with interpolated ones at both ends.
+    pub(crate) fn between(&self, from_ns: i64, to_ns: i64) -> (Vec<Reading>, Coverage) {
         let mut readings = Vec::new();
-        let coverage = self.samples.between(from.time_ns, to_ns, &mut readings);
-        (coverage == Coverage::Complete).then(|| {
-            Preintegrated::new(
-                &readings,
-                &from.gyro_bias,
-                &from.accel_bias,
-                &self.noise,
-                &self.scale_error,
-            )
-        })
+        let coverage = self.samples.between(from_ns, to_ns, &mut readings);
+        for reading in &mut readings {
+            *reading = self.in_body(reading);
+        }
+        (readings, coverage)
+    }
+
+    fn in_body(&self, reading: &Reading) -> Reading {
+        Reading {
+            gyro: self.body_from_imu * reading.gyro,
+            accel: self.body_from_imu * reading.accel,
+            ..*reading
+        }
+    }
+
+    /// Angular rate at a time, rad/s, with its bias; `None` if it is missing or saturated.
+    pub(crate) fn gyro_rate(&self, time_ns: i64) -> Option<Vector3<f64>> {
+        let (reading, is_near) = self.at(time_ns)?;
+        (is_near && !reading.saturated[GYROSCOPE]).then_some(reading.gyro)
+    }
+
+    /// Preintegrated motion from a state to a time, and whether it includes gravity; `None` if
+    /// samples are missing or both sensors are saturated. Of a saturated sensor the
+    /// constant-velocity model takes the place: `rate` is its angular rate in the body frame,
+    /// rad/s.
+    pub(crate) fn preintegrate(
+        &self,
+        from: &State,
+        to_ns: i64,
+        rate: Vector3<f64>,
+    ) -> Option<(Preintegrated, bool)> {
+        let (mut readings, coverage) = self.between(from.time_ns, to_ns);
+        let mut noise = self.noise;
+        let [accel_density, gyro_density] = self.config.constant_velocity_noise_density;
+        // Without a gyroscope the motion of the lever arm is not known.
+        let has_arm = self.arm != Vector3::zeros();
+        match coverage {
+            Coverage::Complete => {}
+            Coverage::GyroscopeOnly => {
+                readings.iter_mut().for_each(|r| r.accel = from.accel_bias);
+                noise.accel_noise_density = accel_density;
+            }
+            Coverage::AccelerometerOnly if !has_arm => {
+                let gyro = rate + from.gyro_bias;
+                readings.iter_mut().for_each(|r| r.gyro = gyro);
+                noise.gyro_noise_density = gyro_density;
+            }
+            Coverage::AccelerometerOnly | Coverage::Gap => return None,
+        }
+        let biases = [from.gyro_bias, from.accel_bias];
+        let scale_error = self.config.scale_error;
+        let mut motion =
+            Preintegrated::new(&readings, &biases[0], &biases[1], &noise, &scale_error);
+        match coverage {
+            Coverage::GyroscopeOnly => motion.by_bias.fixed_columns_mut::<3>(3).fill(0.0),
+            Coverage::AccelerometerOnly => motion.by_bias.fixed_columns_mut::<3>(0).fill(0.0),
+            Coverage::Complete if has_arm => {
+                let ends = [&readings[0], &readings[readings.len() - 1]];
+                motion = motion.at_body_origin(&LeverArm {
+                    arm: self.arm,
+                    rates: ends.map(|end| end.gyro - from.gyro_bias),
+                    rate_sigma: self.noise.gyro_noise_density * self.rate_hz.sqrt(),
+                    scale_error: scale_error[GYROSCOPE],
+                });
+            }
+            Coverage::Complete | Coverage::Gap => {}
+        }
+        Some((motion, coverage != Coverage::GyroscopeOnly))
     }
 
     /// Bias random walk densities.
@@ -80,7 +147,7 @@ pub(crate) fn constant_velocity(
         time_ns,
         gyro: rate,
         accel: Vector3::zeros(),
-        saturated: false,
+        saturated: [false; 2],
     };
     let noise = ImuNoise {
         gyro_noise_density: config.constant_velocity_noise_density[1],

@@ -79,7 +79,7 @@ fn keyframes(laps: usize, drift_m: f64, with_keypoints: bool) -> Vec<Keyframe> {
 }
 
 fn keyframes_of(rig: &Rig, laps: usize, drift_m: f64, with_keypoints: bool) -> Vec<Keyframe> {
-    let (cameras, _, _) = ImuPropagator::of(rig, &Default::default());
+    let (cameras, _) = body_frame(rig);
     let points = points();
     let count = laps * STEPS;
     // A point that left the view gets a new track id.
