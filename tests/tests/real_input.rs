@@ -206,6 +206,17 @@ fn real_recordings_are_read_back_unchanged() {
         images_have_quality(&recorded, &input, camera, truth);
     }
     imu_is_bit_equal(&recorded, &input, &sets[1], begin);
+    // As in mav0/imu0/sensor.yaml: reconstruction weights the samples by it.
+    let noise = recorded.manifest.imus[0].noise.expect("a recorded noise");
+    assert_eq!(
+        [
+            noise.gyro_noise_density,
+            noise.gyro_random_walk,
+            noise.accel_noise_density,
+            noise.accel_random_walk
+        ],
+        [1.6968e-4, 1.9393e-5, 2e-3, 3e-3]
+    );
     sets_are_whole(&input, &recorded);
 }
 

@@ -60,6 +60,7 @@ pub(crate) fn write(
             rate_hz: RATE as f64,
             tick: TickLength::ZED_MINI,
             source: "simulated".to_owned(),
+            noise: None,
         }],
         rig: Vec::new(),
     };

@@ -7,7 +7,7 @@ use anyhow::{Context as _, bail};
 use cad_transforms::frame::{Frame, FramePart};
 use cad_transforms::rig::Rig;
 use cad_transforms::transform::RigidTransform;
-use camera_models::{Eye, StereoCalibration, camera_info};
+use camera_models::{Eye, ImuCalibration, StereoCalibration, camera_info};
 use session_archive::manifest;
 use session_archive::record::{CameraCalibration, FrameTransform, FrameTransforms, timestamp};
 use session_archive::time::HostTime;
@@ -111,6 +111,9 @@ pub fn build(config: &Config, start: HostTime) -> anyhow::Result<Built> {
                 rate_hz: imu.rate_hz,
                 tick: imu.tick,
                 source: info.description.clone(),
+                noise: stereo
+                    .as_ref()
+                    .and_then(|stereo| imu_noise(stereo.imu.as_ref()?)),
             });
         }
         cameras.push(of_hub);
@@ -309,6 +312,17 @@ fn stereo_calibration(
         log::warn!("{}: {}", path.display(), note.0);
     }
     Ok(Some(stereo))
+}
+
+/// The noise of an IMU that its calibration states.
+fn imu_noise(imu: &ImuCalibration) -> Option<manifest::ImuNoise> {
+    let noise = imu.noise?;
+    Some(manifest::ImuNoise {
+        gyro_noise_density: noise.gyro_noise_density,
+        gyro_random_walk: noise.gyro_random_walk,
+        accel_noise_density: noise.accel_noise_density,
+        accel_random_walk: noise.accel_random_walk,
+    })
 }
 
 fn calibration_records(

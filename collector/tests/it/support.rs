@@ -190,6 +190,7 @@ impl Session {
                     rate_hz: 200.0,
                     tick: TickLength::ZED_MINI,
                     source: "synthetic".to_owned(),
+                    noise: None,
                 }],
                 rig: vec![("rig.toml".to_owned(), b"revision = 1\n".to_vec())],
             },

@@ -89,6 +89,7 @@ pub(super) fn rig(pre_roll_ns: i64, bench: Bench) -> Rig {
             rate_hz: 200.0,
             tick: TickLength::NANOSECOND,
             source: "synthetic".to_owned(),
+            noise: None,
         }],
         calibrations: Vec::new(),
         transforms: FrameTransforms::default(),

@@ -58,7 +58,19 @@ pub(super) fn imu(imu: &Imu, body: &str, body_from_imu: Option<&RigidTransform>)
     let mut text = head("imu", &imu.name, &imu.source, body);
     text.push_str(&placed(body_from_imu));
     text.push_str(&format!("rate_hz: {}\n", imu.rate_hz));
-    text.push_str("# The session holds no noise densities of this IMU.\n");
+    match imu.noise {
+        None => text.push_str("# The session holds no noise densities of this IMU.\n"),
+        Some(noise) => text.push_str(&format!(
+            "gyroscope_noise_density: {:?} # rad/s/sqrt(Hz)\n\
+             gyroscope_random_walk: {:?} # rad/s^2/sqrt(Hz)\n\
+             accelerometer_noise_density: {:?} # m/s^2/sqrt(Hz)\n\
+             accelerometer_random_walk: {:?} # m/s^3/sqrt(Hz)\n",
+            noise.gyro_noise_density,
+            noise.gyro_random_walk,
+            noise.accel_noise_density,
+            noise.accel_random_walk
+        )),
+    }
     text
 }
 

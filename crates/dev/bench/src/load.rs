@@ -40,6 +40,7 @@ pub(crate) fn spec(chunk_ns: i64) -> SessionSpec {
         rate_hz: 400.0,
         tick: TickLength::ZED_MINI,
         source: "made up".to_owned(),
+        noise: None,
     };
     SessionSpec {
         session_id: "0192aa00-0000-7000-8000-0000000000be".to_owned(),

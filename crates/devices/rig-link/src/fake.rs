@@ -363,6 +363,7 @@ pub fn write_session(root: &Path, name: &str, seed: u64, seconds: u32) {
             rate_hz: 200.0,
             tick: TickLength::ZED_MINI,
             source: "synthetic".to_owned(),
+            noise: None,
         }],
         rig: vec![(
             "rig.toml".to_owned(),

@@ -99,6 +99,22 @@ pub struct Imu {
     pub tick: TickLength,
     /// What delivered the samples, for people.
     pub source: String,
+    /// Noise of its samples, if the calibration in force at the start of the recording states it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub noise: Option<ImuNoise>,
+}
+
+/// Continuous-time noise of an IMU, the same on all axes (IEEE 952, Kalibr).
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ImuNoise {
+    /// Gyroscope white noise, rad/s/√Hz.
+    pub gyro_noise_density: f64,
+    /// Gyroscope bias random walk, rad/s²/√Hz.
+    pub gyro_random_walk: f64,
+    /// Accelerometer white noise, m/s²/√Hz.
+    pub accel_noise_density: f64,
+    /// Accelerometer bias random walk, m/s³/√Hz.
+    pub accel_random_walk: f64,
 }
 
 /// A file in `rig/`: a byte copy of what was in force when recording began.
@@ -410,6 +426,7 @@ impl Manifest {
 ///     rate_hz: 200.0,
 ///     tick: TickLength::ZED_MINI,
 ///     source: "example".to_owned(),
+///     noise: None,
 /// };
 /// let streams = stream_table(&[], &[imu]);
 /// assert_eq!(streams.iter().map(|s| s.id).collect::<Vec<_>>(), (1..=8).collect::<Vec<_>>());

@@ -5,8 +5,9 @@
 //! transforms, which have the makers' calibrations. Command-line overrides take precedence over
 //! both. IMUs with complete data come before those without. A camera without intrinsics or
 //! extrinsics is a loss, and so is an IMU without extrinsics; a rig without any camera is an error.
-//! Values that sessions do not hold (noise and range of IMUs, rolling shutters) are overrides, or
-//! those of known devices, with a note.
+//! Noise of IMUs is an override, or that of the recorded calibration, or that of known devices;
+//! values that sessions do not hold (range of IMUs, rolling shutters) are overrides, or those of
+//! known devices, with a note.
 
 use std::collections::BTreeMap;
 
@@ -65,7 +66,7 @@ impl Stage<Input> for RigStage {
     }
 
     fn version(&self) -> u32 {
-        3
+        4
     }
 
     fn inputs(&self) -> &'static [&'static str] {
@@ -328,7 +329,7 @@ impl Sources<'_> {
                 rig_from_imu,
                 rig_from_imu_covariance: covariance,
                 rate_hz: (imu.rate_hz > 0.0).then_some(imu.rate_hz),
-                noise: Some(noise.unwrap_or_else(|| known.noise(name, report))),
+                noise: Some(noise.unwrap_or_else(|| known.noise(imu, report))),
                 range: known.range,
             });
         }

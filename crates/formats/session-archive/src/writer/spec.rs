@@ -36,6 +36,7 @@ pub const LIBRARY: &str = concat!("session-archive ", env!("CARGO_PKG_VERSION"))
 /// #     rate_hz: 200.0,
 /// #     tick: TickLength::ZED_MINI,
 /// #     source: "example".to_owned(),
+/// #     noise: None,
 /// # };
 /// let spec = SessionSpec {
 ///     session_id: "0192aa00-0000-7000-8000-00000000000b".to_owned(),

@@ -47,6 +47,7 @@ pub(crate) fn spec() -> SessionSpec {
             rate_hz: 200.0,
             tick: TickLength::ZED_MINI,
             source: "synthetic".to_owned(),
+            noise: None,
         }],
         rig: vec![("rig.toml".to_owned(), b"revision = 1\n".to_vec())],
     }

@@ -249,6 +249,7 @@ impl<'a> Archive<'a> {
                 rate_hz: imu.imu.model().rate_hz,
                 tick: device.clocks()[1].tick(),
                 source: source(&camera.name),
+                noise: None,
             });
         let id =
             [0, 1].map(|k| random::bits(settings.seed, random::DEVICE + 0x20, k).to_be_bytes());
