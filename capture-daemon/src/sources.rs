@@ -13,6 +13,7 @@
 
 use std::path::Path;
 
+use calibration_files::CalibError;
 use camera_models::StereoCalibration;
 use session_archive::record::paws::gap::Cause;
 use session_archive::time::{HostTime, TickLength};
@@ -396,8 +397,11 @@ pub trait Source: Send {
     }
 
     /// The stereo calibration of the source, if there is one.
-    fn calibration(&self) -> Option<&StereoCalibration> {
-        None
+    ///
+    /// # Errors
+    /// It is for images of another size than those of the source.
+    fn calibration(&self) -> Result<Option<&StereoCalibration>, &CalibError> {
+        Ok(None)
     }
 
     /// Digest of the settings and input data that determine its output, beside [`Source::info`] and
@@ -456,10 +460,13 @@ impl AnySource {
     }
 
     /// The stereo calibration of the source, if there is one.
-    pub fn calibration(&self) -> Option<&StereoCalibration> {
+    ///
+    /// # Errors
+    /// It is for images of another size than those of the source.
+    pub fn calibration(&self) -> Result<Option<&StereoCalibration>, &CalibError> {
         match self {
             Self::Scheduled(source) => source.calibration(),
-            Self::Live(_) => None,
+            Self::Live(_) => Ok(None),
         }
     }
 }

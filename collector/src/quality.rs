@@ -155,6 +155,49 @@ impl Evaluator<'_> {
             0.0,
             &detail,
         );
+        self.calibration_size(camera, &eyes);
+    }
+
+    /// Difference between the size of the images and that of their calibration, pixels. Left out
+    /// without calibration.
+    fn calibration_size(&mut self, camera: &Camera, eyes: &[String]) {
+        let (width, height) = (camera.width / 2, camera.height);
+        let sized = eyes.iter().filter_map(|eye| {
+            let calibration = self.stats.calibrations.get(eye)?;
+            let difference = [
+                calibration.width.abs_diff(width),
+                calibration.height.abs_diff(height),
+            ];
+            let largest = difference.into_iter().max().unwrap_or_default();
+            let text = format!("{eye} {}x{}", calibration.width, calibration.height);
+            Some((largest, text))
+        });
+        let sized: Vec<_> = sized.collect();
+        let Some(largest) = sized.iter().map(|(difference, _)| *difference).max() else {
+            return;
+        };
+        let wrong = sized.iter().filter(|(difference, _)| *difference > 0);
+        let wrong: Vec<&str> = wrong.map(|(_, text)| text.as_str()).collect();
+        let detail = match largest {
+            0 => String::new(),
+            1 => format!(
+                "{}, expected {width}x{height}: odd sizes were padded; reconstruction reads them",
+                wrong.join(", ")
+            ),
+            _ => format!(
+                "{}, expected {width}x{height}; remedy: a calibration for images of this size, {}",
+                wrong.join(", "),
+                command_line::remedy::after_recording()
+            ),
+        };
+        let name = &camera.name;
+        self.find(
+            "camera.calibration_size",
+            name,
+            largest.into(),
+            0.0,
+            &detail,
+        );
     }
 
     /// Time offset between left and right images. Left out if one device delivers both.

@@ -24,8 +24,8 @@ use crate::sources::{Live, Source, SourceInfo};
 /// What is known of a source that can be opened.
 struct SourceSummary {
     info: SourceInfo,
-    /// A calibration comes with it.
-    is_calibrated: bool,
+    /// Whether a calibration comes with it, or why it is not for its images.
+    calibration: Result<bool, String>,
     notes: Vec<String>,
 }
 
@@ -33,7 +33,9 @@ impl SourceSummary {
     fn of(source: &dyn Source) -> Self {
         Self {
             info: source.info().clone(),
-            is_calibrated: source.calibration().is_some(),
+            calibration: (source.calibration())
+                .map(|calibration| calibration.is_some())
+                .map_err(|error| with_causes(error)),
             notes: Vec::new(),
         }
     }
@@ -41,7 +43,7 @@ impl SourceSummary {
     fn of_live(source: &dyn Live) -> Self {
         Self {
             info: source.info().clone(),
-            is_calibrated: false,
+            calibration: Ok(false),
             notes: Vec::new(),
         }
     }
@@ -63,7 +65,7 @@ pub(super) fn source(
 ) -> Option<SourceInfo> {
     let SourceSummary {
         info,
-        is_calibrated,
+        calibration: own_calibration,
         mut notes,
     } = open(camera, rig, walks, report)?;
     let of = &info.camera;
@@ -75,16 +77,17 @@ pub(super) fn source(
         info.description, of.width, of.height, of.rate_hz
     ));
 
-    match &camera.calibration {
-        Some(path) => {
+    match (&camera.calibration, own_calibration) {
+        (Some(path), _) => {
             // A configured file replaces the one of the data set.
             notes.retain(|note| !note.contains("calibration"));
             calibration(path, of.width / 2, of.height, report);
         }
-        None if is_calibrated => report.ok("the calibration comes with the source"),
-        None if matches!(camera.source, SourceConfig::Synthetic(_)) => report
+        (None, Err(error)) => report.error(error),
+        (None, Ok(true)) => report.ok("the calibration comes with the source"),
+        _ if matches!(camera.source, SourceConfig::Synthetic(_)) => report
             .warning("a synthetic camera has no lenses: what it records cannot be reconstructed"),
-        None => report.warning(format!(
+        _ => report.warning(format!(
             "its intrinsics are not known: {}",
             command_line::remedy::before_recording(&camera.name)
         )),

@@ -3,10 +3,11 @@
 use std::fmt;
 use std::path::Path;
 
-use anyhow::{Context as _, bail};
+use anyhow::{Context as _, anyhow, bail};
 use cad_transforms::frame::{Frame, FramePart};
 use cad_transforms::rig::Rig;
 use cad_transforms::transform::RigidTransform;
+use calibration_files::CalibError;
 use camera_models::{Eye, ImuCalibration, StereoCalibration, camera_info};
 use session_archive::manifest;
 use session_archive::record::{CameraCalibration, FrameTransform, FrameTransforms, timestamp};
@@ -17,6 +18,7 @@ use video::{Codec, EncoderSettings};
 
 use crate::announce;
 use crate::config::{self, Config, SourceConfig};
+use crate::error_chain::with_causes;
 use crate::hub::{CameraSetup, ImuSetup};
 use crate::recorder::Setup;
 use crate::sources::bag::Bag;
@@ -297,17 +299,30 @@ fn describe(
 }
 
 /// Stereo calibration from the configured file, or else from the source.
+///
+/// # Errors
+/// The file cannot be read, or the calibration is for images of another size than the source's:
+/// the session could not be reconstructed.
 fn stereo_calibration(
     camera: &config::Camera,
     info: &SourceInfo,
-    own: Option<&StereoCalibration>,
+    own: Result<Option<&StereoCalibration>, &CalibError>,
 ) -> anyhow::Result<Option<StereoCalibration>> {
+    let eye = (info.camera.width / 2, info.camera.height);
+    let context = || {
+        format!(
+            "reading the calibration of {} ({}, which delivers images of {}x{} for each eye); to fix \
+             it, give `calibration` of [[camera]] a file for images of this size, or let the camera \
+             deliver the size of the file",
+            camera.name, info.description, eye.0, eye.1
+        )
+    };
     let Some(path) = &camera.calibration else {
-        return Ok(own.cloned());
+        let own = own.map_err(|error| anyhow!(with_causes(error)));
+        return Ok(own.with_context(context)?.cloned());
     };
     let (stereo, notes) =
-        calibration_files::read_stereo(path, info.camera.width / 2, info.camera.height)
-            .with_context(|| format!("reading the calibration of {}", camera.name))?;
+        calibration_files::read_stereo(path, eye.0, eye.1).with_context(context)?;
     for note in notes {
         log::warn!("{}: {}", path.display(), note.0);
     }

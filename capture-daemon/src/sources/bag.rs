@@ -127,9 +127,9 @@ impl Bag {
         });
         let (first_left, first_right) = first.ok_or_else(|| fail("there is none".to_owned()))?;
         let image = load(&mut files, kinds, first_left, first_right)?.map_err(fail)?;
-        if chosen.right.is_none() && !image.image.width.is_multiple_of(4) {
+        if !image.image.width.is_multiple_of(2) {
             return Err(fail(format!(
-                "it is {} wide, expected a multiple of four for both eyes side by side",
+                "it is {} wide, expected an even width for both eyes side by side",
                 image.image.width
             )));
         }
@@ -168,7 +168,7 @@ impl Bag {
             info,
             files,
             kinds,
-            size: image.size,
+            size: image.size(),
             notices: plan.apart.iter().chain(&notes).cloned().collect(),
             plan,
             notes,
@@ -228,10 +228,11 @@ impl Bag {
             Ok(image) => image,
             Err(why) => return lost(why),
         };
-        if image.size != self.size {
+        let found = image.size();
+        if found != self.size {
             return lost(format!(
                 "it is {}x{}, expected {}x{} like the first one",
-                image.size.0, image.size.1, self.size.0, self.size.1
+                found.0, found.1, self.size.0, self.size.1
             ));
         }
         Ok(Sample::Frame(RawFrame {

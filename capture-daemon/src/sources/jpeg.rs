@@ -1,8 +1,8 @@
 //! JPEG images to I420: those of cameras that deliver Motion-JPEG, and those in bags.
 //!
 //! Contract: values are those of the file, full range BT.601 as in every [`RawImage`]; chroma is
-//! the mean of each 2x2 block; a gray file has neutral chroma. I420 has even sizes only: an odd
-//! last column or row is repeated once. *Damage*: a truncated or malformed file is an error, never
+//! the mean of each 2x2 block, of which an odd last column or row has half; a gray file has neutral
+//! chroma. *Damage*: a truncated or malformed file is an error, never
 //! half an image. *Size*: the size in the header is compared with [`MAX_PIXELS`] before anything is
 //! allocated. Cameras may omit the Huffman tables, as Motion-JPEG allows: then those of the
 //! standard are used (ITU-T T.81, annex K.3).
@@ -35,14 +35,12 @@ pub(super) enum JpegError {
     Image(#[from] RawImageError),
 }
 
-/// A decoded image and its size in the file.
+/// A decoded image.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Decoded {
-    /// Columns and rows in the file, which may be odd.
-    pub(super) size: (u32, u32),
     /// Whether the file has chroma.
     pub(super) colour: bool,
-    /// As I420, with even sizes.
+    /// As I420.
     pub(super) image: RawImage,
 }
 
@@ -85,11 +83,7 @@ pub(super) fn decode(bytes: &[u8]) -> Result<Decoded, JpegError> {
         return Err(RawImageError::WrongLength { found, expected }.into());
     }
     let image = i420(width as usize, height as usize, samples, &pixels)?;
-    Ok(Decoded {
-        size: (width, height),
-        colour,
-        image,
-    })
+    Ok(Decoded { colour, image })
 }
 
 /// Interleaved Y Cb Cr, or Y alone, as I420.
@@ -99,22 +93,15 @@ fn i420(
     samples: usize,
     pixels: &[u8],
 ) -> Result<RawImage, RawImageError> {
-    let (even_width, even_height) = (width.next_multiple_of(2), height.next_multiple_of(2));
-    let length = PixelFormat::I420.bytes(even_width as u32, even_height as u32)?;
+    let length = PixelFormat::I420.bytes(width as u32, height as u32)?;
     let mut data = vec![128; length];
-    let (luma, chroma) = data.split_at_mut(even_width * even_height);
+    let (luma, chroma) = data.split_at_mut(width * height);
     let at = |x: usize, y: usize| samples * (y.min(height - 1) * width + x.min(width - 1));
-    for (y, row) in luma.chunks_exact_mut(even_width).enumerate() {
-        let from = at(0, y);
-        for (value, pixel) in row.iter_mut().zip(pixels[from..].chunks_exact(samples)) {
-            *value = pixel[0];
-        }
-        if even_width > width {
-            row[width] = row[width - 1];
-        }
+    for (value, pixel) in luma.iter_mut().zip(pixels.chunks_exact(samples)) {
+        *value = pixel[0];
     }
     if samples == 3 {
-        let columns = even_width / 2;
+        let columns = width.div_ceil(2);
         let (cb, cr) = chroma.split_at_mut(chroma.len() / 2);
         for (y, (cb, cr)) in (cb.chunks_exact_mut(columns))
             .zip(cr.chunks_exact_mut(columns))
@@ -131,12 +118,7 @@ fn i420(
             }
         }
     }
-    RawImage::new(
-        even_width as u32,
-        even_height as u32,
-        PixelFormat::I420,
-        data,
-    )
+    RawImage::new(width as u32, height as u32, PixelFormat::I420, data)
 }
 
 /// The file marked as Motion-JPEG if it has no Huffman table before its first scan: for such files
@@ -219,7 +201,7 @@ mod tests {
                 let found = luma[y * width + x];
                 assert!(found.abs_diff(pixel[0]) <= 4, "{x} {y}");
                 for (k, plane) in [(1, cb), (2, cr)] {
-                    let found = plane[y / 2 * (width / 2) + x / 2];
+                    let found = plane[y / 2 * width.div_ceil(2) + x / 2];
                     let expected = if colour { pixel[k] } else { 128 };
                     assert!(
                         found.abs_diff(expected) <= 5,
@@ -238,7 +220,7 @@ mod tests {
             SamplingFactor::F_2_2,
         ] {
             let decoded = decode(&encode(64, 48, ColorType::Ycbcr, sampling)).expect("an image");
-            assert_eq!((decoded.size, decoded.colour), ((64, 48), true));
+            assert!(decoded.colour);
             looks_like(&decoded.image, 64, 48, true);
         }
         let grey = encode(64, 48, ColorType::Luma, SamplingFactor::F_1_1);
@@ -248,12 +230,11 @@ mod tests {
     }
 
     #[test]
-    fn odd_sizes_are_padded() {
+    fn odd_size_is_kept() {
         let file = encode(33, 17, ColorType::Ycbcr, SamplingFactor::F_2_1);
         let decoded = decode(&file).expect("an image");
-        assert_eq!(decoded.size, (33, 17));
-        assert_eq!((decoded.image.width, decoded.image.height), (34, 18));
-        looks_like(&decoded.image, 34, 18, true);
+        assert_eq!((decoded.image.width, decoded.image.height), (33, 17));
+        looks_like(&decoded.image, 33, 17, true);
     }
 
     #[test]

@@ -16,6 +16,7 @@
 
 use std::path::{Path, PathBuf};
 
+use calibration_files::CalibError;
 use camera_models::StereoCalibration;
 use session_archive::time::{HostTime, TickLength};
 use video::{RawImage, RawImageError};
@@ -88,7 +89,8 @@ pub struct Replay {
     name: String,
     info: SourceInfo,
     dataset: StereoDataset,
-    calibration: Option<StereoCalibration>,
+    /// An error if it is for images of another size.
+    calibration: Result<Option<StereoCalibration>, CalibError>,
     start: HostTime,
     repeat: bool,
     eye: EyeSize,
@@ -169,8 +171,8 @@ impl Replay {
         let info = SourceInfo {
             description: describe(&dataset),
             camera: CameraInfo {
-                width: 2 * eye.padded().0,
-                height: eye.padded().1,
+                width: 2 * eye.width,
+                height: eye.height,
                 rate_hz: dataset.rate_hz,
                 tick: TickLength::NANOSECOND,
                 tick_bits: None,
@@ -330,10 +332,8 @@ impl Source for Replay {
         self.start = start;
     }
 
-    /// Its image size is that of the files; an odd image is delivered with one more column or row,
-    /// which moves no coordinate.
-    fn calibration(&self) -> Option<&StereoCalibration> {
-        self.calibration.as_ref()
+    fn calibration(&self) -> Result<Option<&StereoCalibration>, &CalibError> {
+        self.calibration.as_ref().map(Option::as_ref)
     }
 }
 
@@ -376,23 +376,27 @@ fn imu_info(samples: &[ImuSample]) -> Option<ImuInfo> {
 
 /// The calibration, or a note on why there is none. The files are recorded unchanged either way, so
 /// a calibration that cannot be parsed now is not lost.
+///
+/// # Errors
+/// It is for images of another size: recorded with these images it would be wrong.
 fn read_calibration(
     dataset: &StereoDataset,
     eye: EyeSize,
-) -> (Option<StereoCalibration>, Vec<String>) {
+) -> (Result<Option<StereoCalibration>, CalibError>, Vec<String>) {
     if dataset.calibration_files.is_empty() {
         return (
-            None,
+            Ok(None),
             vec!["the data set contains no calibration".to_owned()],
         );
     }
     match calibration_files::read_stereo(&dataset.root, eye.width, eye.height) {
         Ok((calibration, notes)) => (
-            Some(calibration),
+            Ok(Some(calibration)),
             notes.into_iter().map(|note| note.0).collect(),
         ),
+        Err(error @ CalibError::Resolution { .. }) => (Err(error), Vec::new()),
         Err(error) => (
-            None,
+            Ok(None),
             vec![format!(
                 "the calibration is not used: {}",
                 with_causes(&error)

@@ -10,6 +10,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use cad_transforms::rig::Rig;
+use calibration_files::CalibError;
 use camera_models::StereoCalibration;
 use rig_sim::device::{Delivery, Device, DeviceFrame, DeviceImu};
 use rig_sim::faults::{FaultError, Faults};
@@ -267,8 +268,8 @@ impl Source for Simulated {
             .collect()
     }
 
-    fn calibration(&self) -> Option<&StereoCalibration> {
-        Some(&self.calibration)
+    fn calibration(&self) -> Result<Option<&StereoCalibration>, &CalibError> {
+        Ok(Some(&self.calibration))
     }
 }
 

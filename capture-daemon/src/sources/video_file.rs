@@ -72,16 +72,11 @@ impl VideoReplay {
         }
         let eyes = 1 + u32::from(right.is_some());
         let width = of.width * eyes;
-        if !width.is_multiple_of(4) {
+        if !width.is_multiple_of(2) {
             return Err(VideoError::Width {
                 path: config.path.clone(),
                 width: of.width,
-                expected: match eyes {
-                    1 => {
-                        "a multiple of four, for both eyes side by side (or right_path for the other eye)"
-                    }
-                    _ => "an even number for each eye",
-                },
+                expected: "an even number, for both eyes side by side (or right_path for the other eye)",
             });
         }
         let limit = |configured_ns| {

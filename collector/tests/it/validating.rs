@@ -402,6 +402,17 @@ fn unreliable_clocks_and_missing_calibration_warn() {
         s.calibrations.remove("feet/right");
     });
     expect(&found, &[(Warn, "camera.calibration", "feet")]);
+    // Padded odd images with the calibration of unpadded ones, as recorders of before wrote them.
+    let sized = |width: u32, height: u32| {
+        beyond(2.0, move |s| {
+            let calibration = s.calibrations.get_mut("feet/right").unwrap();
+            (calibration.width, calibration.height) = (width, height);
+        })
+    };
+    let of_size = |verdict| [(verdict, "camera.calibration_size", "feet")];
+    expect(&sized(63, 48), &of_size(Warn));
+    expect(&sized(64, 47), &of_size(Warn));
+    expect(&sized(1344, 376), &of_size(Fail));
     let found = beyond(2.0, |s| s.transforms = None);
     expect(&found, &[(Warn, "rig.transforms", "rig")]);
     let without = |child: &'static str| {

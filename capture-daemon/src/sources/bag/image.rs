@@ -14,12 +14,17 @@ use crate::sources::replay::stereo_image;
 /// An image of a bag.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct BagImage {
-    /// Columns and rows in the message, which may be odd.
-    pub(super) size: (u32, u32),
     /// Whether it has chroma.
     pub(super) colour: bool,
-    /// With even sizes: an odd last column or row is repeated once.
+    /// As I420.
     pub(super) image: RawImage,
+}
+
+impl BagImage {
+    /// Columns and rows.
+    pub(super) fn size(&self) -> (u32, u32) {
+        (self.image.width, self.image.height)
+    }
 }
 
 /// Names of encodings with their layout: the bytes of a pixel, and where red, green and blue are in
@@ -58,15 +63,15 @@ pub(super) fn decode(kind: Kind, message: &[u8]) -> Result<BagImage, String> {
 /// # Errors
 /// They do not match.
 pub(super) fn join(left: &BagImage, right: &BagImage) -> Result<BagImage, String> {
-    if left.size != right.size {
+    let (ours, other) = (left.size(), right.size());
+    if ours != other {
         return Err(format!(
             "the left image is {}x{} and the right one {}x{}, expected the same",
-            left.size.0, left.size.1, right.size.0, right.size.1
+            ours.0, ours.1, other.0, other.1
         ));
     }
     let image = side_by_side(&left.image, &right.image).map_err(|e| e.to_string())?;
     Ok(BagImage {
-        size: (2 * left.size.0, left.size.1),
         colour: left.colour || right.colour,
         image,
     })
@@ -118,7 +123,6 @@ fn plain(image: &messages::Image<'_>) -> Result<BagImage, String> {
             let packed: Vec<u8> = rows.flatten().copied().collect();
             let image = yuyv_to_i420(width, height, &packed).map_err(|e| e.to_string())?;
             return Ok(BagImage {
-                size: (width, height),
                 colour: true,
                 image,
             });
@@ -145,7 +149,6 @@ fn compressed(image: &messages::CompressedImage<'_>) -> Result<BagImage, String>
     if image.data.starts_with(&[0xff, 0xd8]) {
         let decoded = jpeg::decode(image.data).map_err(|e| e.to_string())?;
         return Ok(BagImage {
-            size: decoded.size,
             colour: decoded.colour,
             image: decoded.image,
         });
@@ -161,13 +164,9 @@ fn compressed(image: &messages::CompressedImage<'_>) -> Result<BagImage, String>
 }
 
 fn of_samples(decoded: DecodedPng) -> Result<BagImage, String> {
-    let (size, colour) = (
-        (decoded.width, decoded.height),
-        decoded.samples == Samples::Rgb8,
-    );
+    let colour = decoded.samples == Samples::Rgb8;
     let image = stereo_image::i420(decoded);
     Ok(BagImage {
-        size,
         colour,
         image: image.map_err(|e| e.to_string())?,
     })

@@ -394,14 +394,13 @@ fn image(config: &V4l2Config, bytes: &[u8]) -> Result<RawImage, BufferError> {
             grey_to_i420(&grey)?
         }
         PixelLayout::Mjpeg => {
-            let decoded = jpeg::decode(bytes)?;
-            if decoded.size != (width, height) {
-                return Err(BufferError::Size {
-                    found: decoded.size,
-                    expected: (width, height),
-                });
+            let image = jpeg::decode(bytes)?.image;
+            let found = (image.width, image.height);
+            if found != (width, height) {
+                let expected = (width, height);
+                return Err(BufferError::Size { found, expected });
             }
-            decoded.image
+            image
         }
     })
 }

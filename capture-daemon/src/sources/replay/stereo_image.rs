@@ -1,8 +1,7 @@
 //! The two images of a frame, from PNG files to one I420 image side by side.
 //!
 //! Contract: samples are those of the file (gray unchanged with neutral chroma; color through
-//! [`rgb_to_i420`]). I420 has even sizes only: an odd last column or row of an eye's image is
-//! repeated once. All images of a data set have the same size.
+//! [`rgb_to_i420`]). All images of a data set have the same size, which may be odd.
 
 use video::raw_image::{
     PixelFormat, RawImage, RawImageError, grey_to_i420, rgb_to_i420, side_by_side,
@@ -19,18 +18,11 @@ pub(super) struct EyeSize {
 }
 
 impl EyeSize {
-    /// Width and height as delivered, even.
-    pub(super) fn padded(self) -> (u32, u32) {
-        (
-            self.width.next_multiple_of(2),
-            self.height.next_multiple_of(2),
-        )
-    }
-
-    /// Bytes of a stereo frame as delivered.
+    /// Bytes of a stereo frame.
     pub(super) fn stereo_bytes(self) -> usize {
-        let (width, height) = self.padded();
-        width as usize * height as usize * 3
+        PixelFormat::I420
+            .bytes(2 * self.width, self.height)
+            .unwrap_or(usize::MAX)
     }
 }
 
@@ -84,7 +76,6 @@ pub(super) fn load(frame: &StereoFrameRef, eye: EyeSize) -> Result<RawImage, Rep
 
 /// An image of any size as I420.
 pub(in crate::sources) fn i420(png: DecodedPng) -> Result<RawImage, RawImageError> {
-    let png = pad(png);
     match png.samples {
         Samples::Rgb8 => rgb_to_i420(png.width, png.height, &png.data),
         Samples::Grey8 => grey_to_i420(&RawImage::new(
@@ -93,33 +84,5 @@ pub(in crate::sources) fn i420(png: DecodedPng) -> Result<RawImage, RawImageErro
             PixelFormat::Grey8,
             png.data,
         )?),
-    }
-}
-
-/// Repeats an odd last column and row.
-fn pad(png: DecodedPng) -> DecodedPng {
-    if png.width.is_multiple_of(2) && png.height.is_multiple_of(2) {
-        return png;
-    }
-    let bytes = png.samples.per_pixel();
-    let row_bytes = png.width as usize * bytes;
-    let (width, height) = (
-        png.width.next_multiple_of(2),
-        png.height.next_multiple_of(2),
-    );
-    let mut data = Vec::with_capacity(width as usize * height as usize * bytes);
-    let rows = png.data.chunks_exact(row_bytes);
-    let repeated = rows.clone().last().filter(|_| height > png.height);
-    for row in rows.chain(repeated) {
-        data.extend_from_slice(row);
-        if width > png.width {
-            data.extend_from_slice(&row[row_bytes - bytes..]);
-        }
-    }
-    DecodedPng {
-        width,
-        height,
-        samples: png.samples,
-        data,
     }
 }

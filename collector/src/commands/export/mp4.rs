@@ -8,6 +8,7 @@ use session_access::read_or_build;
 use session_archive::index::Access;
 use session_archive::reader::SessionReader;
 use video::mp4::write_mp4;
+use video::raw_image::coded_size;
 use video::{AccessUnit, Codec};
 
 use super::common::{damage, file_name};
@@ -48,7 +49,9 @@ pub(super) fn export(
                 }
             }
         });
-        let written = write_mp4(&path, codec, camera.width, camera.height, units);
+        // Players show what is coded: an odd last row twice.
+        let (width, height) = coded_size(camera.width, camera.height);
+        let written = write_mp4(&path, codec, width, height, units);
         drop(progress);
         if let Some(e) = failed {
             // A truncated file must not be mistaken for a complete one.

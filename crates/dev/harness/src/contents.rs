@@ -14,6 +14,7 @@ use session_archive::record::{
 };
 use session_archive::storage::DiskStorage;
 use session_archive::time::{HostTime, TickLength};
+use video::raw_image::without_padding;
 use video::{AccessUnit, Codec, Decoder, RawImage};
 
 /// A frame as stored.
@@ -300,7 +301,9 @@ impl Contents {
                 .decode(&units)
                 .with_context(|| format!("decoding {camera} from frame {number} on"))?;
             for (frame, (_, image)) in group.iter().zip(&images) {
-                each(&frame.record, image)?;
+                let image = without_padding(image, listed.width, listed.height)
+                    .with_context(|| format!("{camera}: {image:?} of another size"))?;
+                each(&frame.record, &image)?;
             }
         }
         Ok(())

@@ -121,6 +121,8 @@ pub const TABLE: &[Limit] = &[
         "docs/reference/sources.md: at 1 rad/s, 1 ms moves the smallest images of a ZED Mini by a third of a pixel"),
     limit!("camera.calibration", "eyes without calibration", Count, 0.0, NEVER, None,
         "Aria Gen 2 health check; a warning, since calibration can be made from the recording"),
+    limit!("camera.calibration_size", "calibration for another image size, pixels", Count, 0.0, 1.0, None,
+        "lens coordinates of another size are wrong; one pixel is the padding of odd sizes in recordings of before, which moves none"),
     limit!("camera.undecoded", "images that cannot be decoded", Count, 0.0, 0.0, None,
         "every access unit is one image"),
     limit!("imu.dropped", "samples missing", Ratio, 0.001, 0.01, None, ARIA),

@@ -10,6 +10,7 @@ use std::thread;
 
 use session_archive::index::{Access, CameraIndex, FrameEntry};
 use session_archive::manifest::Camera;
+use video::raw_image::without_padding;
 use video::{Codec, DecodeError, Decoder, RawImage};
 
 use crate::gop::{self, Units};
@@ -143,11 +144,10 @@ pub fn visit_run(
         };
         for (pts_ns, image) in &images {
             let position = gop::position(*pts_ns).filter(|p| gop.start + p >= at);
-            let fits = (image.width, image.height) == (camera.width, camera.height);
             if let Some(frame) = position.and_then(|p| frames.get(p))
-                && fits
+                && let Some(image) = without_padding(image, camera.width, camera.height)
             {
-                visit(frame, image);
+                visit(frame, &image);
             }
         }
         at = end;
@@ -214,9 +214,9 @@ impl Run<'_> {
         let camera = self.camera;
         let mut good = 0;
         for (pts_ns, image) in &images {
-            if (image.width, image.height) == (camera.width, camera.height) {
+            if let Some(image) = without_padding(image, camera.width, camera.height) {
                 if let Some(frame) = self.frame(*pts_ns) {
-                    visit(frame, image)?;
+                    visit(frame, &image)?;
                     good += 1;
                 }
                 continue;

@@ -52,6 +52,7 @@ use thiserror::Error;
 use crate::encoder::MAX_NATIVE_IN_FLIGHT;
 use crate::native::{NVMM, NativeFrame};
 use crate::pipeline::{self, InitError};
+use crate::raw_image::coded_size;
 use crate::{PixelFormat, RawImage, RawImageError, layout};
 use feed::{Feed, Wanted};
 use intake::{Arrived, Intake, Item, Port};
@@ -135,6 +136,13 @@ impl CaptureSettings {
     fn check(&self) -> Result<(), CaptureError> {
         let refuse = |reason: String| Err(CaptureError::Settings(reason));
         PixelFormat::I420.bytes(self.width, self.height)?;
+        // The layouts of cameras share chroma between two pixels each way.
+        if coded_size(self.width, self.height) != (self.width, self.height) {
+            return refuse(format!(
+                "{}x{}, expected an even width and height",
+                self.width, self.height
+            ));
+        }
         if !(self.rate_hz > 0.0 && self.rate_hz <= 1000.0) {
             return refuse(format!(
                 "rate {} Hz, expected more than 0 and at most 1000",

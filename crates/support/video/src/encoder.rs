@@ -28,6 +28,7 @@ use gstreamer_video as gst_video;
 use thiserror::Error;
 
 use crate::pipeline::{self, InitError, News, Running, lock, wait_while};
+use crate::raw_image::coded_size;
 use crate::{Codec, NativeFormat, PixelFormat, RawImageError};
 use delivery::{Inside, Shared};
 use kinds::{Force, Kind};
@@ -58,9 +59,9 @@ pub const STALL: Duration = Duration::from_secs(10);
 pub struct EncoderSettings {
     /// GStreamer element, one of [`known_elements`].
     pub element: String,
-    /// Columns; even.
+    /// Columns. An odd last one is coded twice, see [`crate::raw_image::coded_size`].
     pub width: u32,
-    /// Rows; even.
+    /// Rows, likewise.
     pub height: u32,
     /// Nominal frame rate, more than 0 and at most 1000. Only tells players and hardware what to
     /// expect; the times of the frames are free.
@@ -263,6 +264,11 @@ impl Encoder {
     ) -> Result<Encoder, EncodeError> {
         check(settings)?;
         let (width, height) = (settings.width, settings.height);
+        if native.is_some() && coded_size(width, height) != (width, height) {
+            return Err(EncodeError::Settings(format!(
+                "native frames of {width}x{height}, expected an even width and height"
+            )));
+        }
         if let Some(format) = native
             && (format.width(), format.height()) != (width, height)
         {

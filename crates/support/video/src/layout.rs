@@ -8,44 +8,40 @@ use gstreamer_video as gst_video;
 use gstreamer_video::prelude::*;
 
 use crate::raw_image::rows::{self, Layout as Source, Strided, Window};
+use crate::raw_image::{Plane, coded_size};
 use crate::{PixelFormat, RawImage};
 
 /// GStreamer's names of the layouts that can be made into a [`RawImage`].
 pub(crate) const READABLE: [&str; 5] = ["I420", "NV12", "YUY2", "UYVY", "GRAY8"];
 
-/// Where a plane begins, the distance between its rows, and how much of a row is image.
-struct Rows {
-    offset: usize,
-    stride: usize,
-    width: usize,
-}
-
-/// An I420 image as a buffer of raw video with GStreamer's default strides.
+/// An I420 image as a buffer of raw video of its [`coded_size`], with GStreamer's default strides.
+/// An odd last row or column is repeated once.
 pub(crate) fn to_buffer(image: &RawImage) -> Result<gst::Buffer, String> {
-    let (width, height) = (image.width, image.height);
+    let (width, height) = coded_size(image.width, image.height);
     let info = gst_video::VideoInfo::builder(gst_video::VideoFormat::I420, width, height)
         .build()
         .map_err(|error| error.to_string())?;
     let planes = image.planes().map_err(|error| error.to_string())?;
-    let rows: Vec<Rows> = planes
-        .iter()
-        .zip(info.offset().iter().zip(info.stride()))
-        .map(|(plane, (&offset, &stride))| Rows {
-            offset,
-            stride: stride as usize,
-            width: plane.width,
-        })
-        .collect();
-    if info.size() == image.data.len() && rows.iter().all(|rows| rows.stride == rows.width) {
+    let rows = info.offset().iter().zip(info.stride());
+    let is_packed = |(plane, (_, &stride)): (&Plane<'_>, (_, &i32))| stride as usize == plane.width;
+    if info.size() == image.data.len() && planes.iter().zip(rows.clone()).all(is_packed) {
         return Ok(gst::Buffer::from_slice(image.data.clone()));
     }
     // Written once, in order: only what lies between the rows is filled.
     let mut padded = Vec::with_capacity(info.size());
-    for (plane, rows) in planes.iter().zip(&rows) {
-        padded.resize(rows.offset, 0);
-        for source in plane.data.chunks_exact(rows.width) {
-            let end = padded.len() + rows.stride;
-            padded.extend_from_slice(source);
+    let sizes = [
+        (width, height),
+        (width / 2, height / 2),
+        (width / 2, height / 2),
+    ];
+    for ((plane, (&offset, &stride)), (width, height)) in planes.iter().zip(rows).zip(sizes) {
+        padded.resize(offset, 0);
+        let rows = plane.data.chunks_exact(plane.width);
+        let repeated = rows.clone().last();
+        for row in rows.chain(repeated).take(height as usize) {
+            let end = padded.len() + stride as usize;
+            padded.extend_from_slice(row);
+            padded.extend(row.last().filter(|_| row.len() < width as usize));
             padded.resize(end, 0);
         }
     }

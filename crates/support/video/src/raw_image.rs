@@ -23,8 +23,8 @@ pub use psnr::{psnr, psnr_all};
 pub enum PixelFormat {
     /// One byte per pixel: luma.
     Grey8,
-    /// Planar 4:2:0: width·height luma, then width/2·height/2 Cb, then as much Cr.
-    /// Width and height are even.
+    /// Planar 4:2:0: width·height luma, then Cb of half the columns and half the rows, then as
+    /// much Cr. Halves of odd sizes are rounded up: the last chroma sample is of one pixel or two.
     I420,
 }
 
@@ -32,8 +32,7 @@ impl PixelFormat {
     /// Bytes of a `width` x `height` image.
     ///
     /// # Errors
-    /// [`RawImageError::Empty`], [`RawImageError::OddSize`] (I420 only),
-    /// [`RawImageError::TooLarge`].
+    /// [`RawImageError::Empty`], [`RawImageError::TooLarge`].
     pub fn bytes(self, width: u32, height: u32) -> Result<usize, RawImageError> {
         if width == 0 || height == 0 {
             return Err(RawImageError::Empty { width, height });
@@ -44,12 +43,55 @@ impl PixelFormat {
             .ok_or(RawImageError::TooLarge { width, height })?;
         match self {
             PixelFormat::Grey8 => Ok(luma),
-            PixelFormat::I420 if !width.is_multiple_of(2) || !height.is_multiple_of(2) => {
-                Err(RawImageError::OddSize { width, height })
+            PixelFormat::I420 => {
+                let [columns, rows] = chroma_size(width, height);
+                Ok(luma + 2 * columns * rows)
             }
-            PixelFormat::I420 => Ok(luma + luma / 2),
         }
     }
+}
+
+/// Columns and rows of each chroma plane of an I420 image.
+pub(crate) fn chroma_size(width: u32, height: u32) -> [usize; 2] {
+    [width, height].map(|n| n.div_ceil(2) as usize)
+}
+
+/// Columns and rows of an image in compressed form.
+///
+/// H.264 and H.265 with 4:2:0 chroma code even sizes, and their cropping and conformance windows
+/// count in steps of two luma samples: an odd last row or column is repeated once by
+/// [`crate::Encoder`] and removed by [`without_padding`].
+///
+/// ```
+/// use video::raw_image::coded_size;
+///
+/// assert_eq!(coded_size(2482, 375), (2482, 376));
+/// ```
+pub fn coded_size(width: u32, height: u32) -> (u32, u32) {
+    (width.next_multiple_of(2), height.next_multiple_of(2))
+}
+
+/// The `width` x `height` image that was encoded, from the decoded one. Shares the bytes if there
+/// is no padding. `None` if the decoded image does not have the [`coded_size`] of that size.
+pub fn without_padding(decoded: &RawImage, width: u32, height: u32) -> Option<RawImage> {
+    if (decoded.width, decoded.height) == (width, height) {
+        return Some(decoded.clone());
+    }
+    if (decoded.width, decoded.height) != coded_size(width, height) {
+        return None;
+    }
+    let planes = decoded.planes().ok()?;
+    let mut data = Vec::with_capacity(decoded.format.bytes(width, height).ok()?);
+    // Chroma has no padding: its size is that of the coded one.
+    let sizes = [[width, height].map(|n| n as usize)]
+        .into_iter()
+        .chain([chroma_size(width, height); 2]);
+    for (plane, [columns, rows]) in planes.iter().zip(sizes) {
+        for row in plane.data.chunks_exact(plane.width).take(rows) {
+            data.extend_from_slice(&row[..columns]);
+        }
+    }
+    RawImage::new(width, height, decoded.format, data).ok()
 }
 
 /// One uncompressed image. Cloning is cheap: the bytes are shared.
@@ -75,8 +117,9 @@ impl fmt::Debug for RawImage {
 /// with the same image will not help.
 #[derive(Debug, Clone, PartialEq, Eq, Error)]
 pub enum RawImageError {
-    /// Pad or crop the image: 4:2:0 chroma needs an even size.
-    #[error("{width}x{height} cannot be I420: both width and height must be even")]
+    /// Crop the image: two eyes side by side, and two pixels that share their chroma, need an even
+    /// width.
+    #[error("{width}x{height} cannot be divided: its width must be even")]
     OddSize {
         /// Columns found.
         width: u32,
@@ -183,9 +226,10 @@ impl RawImage {
         let width = self.width as usize;
         let mut planes = vec![Plane { width, data: luma }];
         if self.format == PixelFormat::I420 {
-            let (cb, cr) = self.data[luma.len()..].split_at(luma.len() / 4);
+            let [columns, rows] = chroma_size(self.width, self.height);
+            let (cb, cr) = self.data[luma.len()..].split_at(columns * rows);
             planes.extend([cb, cr].map(|data| Plane {
-                width: width / 2,
+                width: columns,
                 data,
             }));
         }
@@ -205,6 +249,10 @@ impl RawImage {
 
 /// Puts two images of the same size and format beside each other, left one left.
 ///
+/// The width of the result is even. If that of an image is odd, chroma of the right one lies
+/// between the samples of the result and is interpolated (mean of the two pixels of a sample); luma
+/// is never changed.
+///
 /// # Errors
 /// [`RawImageError::Unequal`], and what [`RawImage::check`] gives.
 pub fn side_by_side(left: &RawImage, right: &RawImage) -> Result<RawImage, RawImageError> {
@@ -220,24 +268,35 @@ pub fn side_by_side(left: &RawImage, right: &RawImage) -> Result<RawImage, RawIm
         .checked_mul(2)
         .ok_or(RawImageError::TooLarge { width, height })?;
     let mut data = Vec::with_capacity(left.format.bytes(doubled, height)?);
-    for (left, right) in left.planes()?.iter().zip(right.planes()?) {
+    let planes = left.planes()?.into_iter().zip(right.planes()?);
+    for (number, (left, right)) in planes.enumerate() {
         let rows = left
             .data
             .chunks_exact(left.width)
             .zip(right.data.chunks_exact(right.width));
+        let is_between = number > 0 && !width.is_multiple_of(2);
         for (left, right) in rows {
-            data.extend_from_slice(left);
-            data.extend_from_slice(right);
+            if is_between {
+                let columns = width as usize;
+                let pixel = |x: usize| match x.checked_sub(columns) {
+                    None => left[x / 2],
+                    Some(x) => right[x / 2],
+                };
+                data.extend((0..columns).map(|k| mean(pixel(2 * k), pixel(2 * k + 1))));
+            } else {
+                data.extend_from_slice(left);
+                data.extend_from_slice(right);
+            }
         }
     }
     RawImage::new(doubled, height, left.format, data)
 }
 
-/// Cuts a side-by-side image into its left and right half.
+/// Cuts a side-by-side image into its left and right half. Chroma of the right half is interpolated
+/// if the width of a half is odd, as in [`side_by_side`].
 ///
 /// # Errors
-/// [`RawImageError::OddSize`] if the halves would not be whole, or not whole in chroma (an I420
-/// width must be a multiple of four); and what [`RawImage::check`] gives.
+/// [`RawImageError::OddSize`] if the halves would not be whole; and what [`RawImage::check`] gives.
 pub fn split(both: &RawImage) -> Result<(RawImage, RawImage), RawImageError> {
     let (width, height, format) = (both.width / 2, both.height, both.format);
     if !both.width.is_multiple_of(2) {
@@ -248,11 +307,19 @@ pub fn split(both: &RawImage) -> Result<(RawImage, RawImage), RawImageError> {
     }
     let length = format.bytes(width, height)?;
     let (mut left, mut right) = (Vec::with_capacity(length), Vec::with_capacity(length));
-    for plane in both.planes()? {
+    for (number, plane) in both.planes()?.into_iter().enumerate() {
+        let is_between = number > 0 && !width.is_multiple_of(2);
         for row in plane.data.chunks_exact(plane.width) {
             let (first, second) = row.split_at(plane.width / 2);
-            left.extend_from_slice(first);
-            right.extend_from_slice(second);
+            if is_between {
+                // The sample in the middle is of the last pixel on the left, the first on the right.
+                left.extend_from_slice(&row[..plane.width / 2 + 1]);
+                let next = second[1..].iter().chain(second.last());
+                right.extend(second.iter().zip(next).map(|(a, b)| mean(*a, *b)));
+            } else {
+                left.extend_from_slice(first);
+                right.extend_from_slice(second);
+            }
         }
     }
     Ok((
@@ -261,11 +328,15 @@ pub fn split(both: &RawImage) -> Result<(RawImage, RawImage), RawImageError> {
     ))
 }
 
+/// Mean of two samples, halves rounded up.
+fn mean(a: u8, b: u8) -> u8 {
+    (u16::from(a) + u16::from(b)).div_ceil(2) as u8
+}
+
 /// Adds neutral chroma (128) to a grey image.
 ///
 /// # Errors
-/// [`RawImageError::WrongFormat`] unless the image is grey, [`RawImageError::OddSize`], and what
-/// [`RawImage::check`] gives.
+/// [`RawImageError::WrongFormat`] unless the image is grey, and what [`RawImage::check`] gives.
 pub fn grey_to_i420(grey: &RawImage) -> Result<RawImage, RawImageError> {
     grey.expect(PixelFormat::Grey8)?;
     let length = PixelFormat::I420.bytes(grey.width, grey.height)?;

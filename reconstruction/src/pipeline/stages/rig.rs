@@ -21,6 +21,7 @@ use serde_json::{Value, json};
 use session_archive::index::ImuIndex;
 use session_archive::layout;
 use session_archive::manifest::Camera;
+use video::raw_image::coded_size;
 
 use crate::input::{HANDOFF, Input};
 use crate::pipeline::{Report, Stage, StageError, Work};
@@ -137,7 +138,10 @@ pub enum RigStageError {
         known: String,
     },
     /// The intrinsics are for images of another size: calibrate at this one.
-    #[error("the lens of {eye} is for {found}, expected {expected}, the size of the images")]
+    #[error(
+        "the lens of {eye} is for {found}, expected {expected}, the size of the images: give a \
+         calibration for this size (--calibration)"
+    )]
     Size {
         /// Camera side.
         eye: String,
@@ -283,9 +287,8 @@ impl Sources<'_> {
             report.losses.push(loss);
             return Ok(None);
         };
-        for (eye, lens) in [("left", &left), ("right", &right)] {
-            check_size(&format!("{name}/{eye}"), lens, size)?;
-        }
+        let left = of_size(&format!("{name}/left"), left, size, report)?;
+        let right = of_size(&format!("{name}/right"), right, size, report)?;
         let line_s = self.rig_overrides.line_times_s.get(name).copied();
         let line_s =
             line_s.unwrap_or_else(|| devices::line_s(device(self.rig, name), camera, report));
@@ -467,19 +470,37 @@ fn check_names(input: &Input, rig_overrides: &RigOverrides) -> Result<(), RigSta
     Ok(())
 }
 
-fn check_size(
+/// The intrinsics of images of this size. Recorders of before repeated an odd last row or column:
+/// such an image is one pixel larger than its calibration, and coordinates in it are the same.
+///
+/// # Errors
+/// The intrinsics are for images of another size.
+fn of_size(
     eye: &str,
-    lens: &CameraModel,
+    lens: CameraModel,
     [width, height]: [u32; 2],
-) -> Result<(), RigStageError> {
-    match (lens.width, lens.height) == (width, height) {
-        true => Ok(()),
-        false => Err(RigStageError::Size {
-            eye: eye.to_owned(),
-            found: format!("{}x{}", lens.width, lens.height),
-            expected: format!("{width}x{height}"),
-        }),
+    report: &mut Report,
+) -> Result<CameraModel, RigStageError> {
+    if (lens.width, lens.height) == (width, height) {
+        return Ok(lens);
     }
+    let found = format!("{}x{}", lens.width, lens.height);
+    if coded_size(lens.width, lens.height) != (width, height) {
+        return Err(RigStageError::Size {
+            eye: eye.to_owned(),
+            found,
+            expected: format!("{width}x{height}"),
+        });
+    }
+    report.notes.push(format!(
+        "{eye}: its calibration is for {found}, and its images are {width}x{height} with the last \
+         row or column repeated, as recorders of before did with odd sizes: it is used for them"
+    ));
+    Ok(CameraModel {
+        width,
+        height,
+        ..lens
+    })
 }
 
 #[cfg(test)]
@@ -487,6 +508,35 @@ mod tests {
     use cad_transforms::RigidTransform;
 
     use super::*;
+
+    #[test]
+    fn calibration_fits_the_images_or_their_padding() {
+        use camera_models::Distortion;
+
+        let lens = |size| CameraModel::new(size, [700.0, 700.0, 600.0, 180.0], Distortion::None);
+        let check = |calibrated, recorded| {
+            let mut report = Report::default();
+            let lens = of_size("feet/left", lens(calibrated), recorded, &mut report);
+            (
+                lens.map(|lens| [lens.width, lens.height]),
+                report.notes.len(),
+            )
+        };
+        for size in [(1241, 376), (1242, 375)] {
+            let (found, notes) = check(size, [1242, 376]);
+            assert_eq!((found.expect("its padding"), notes), ([1242, 376], 1));
+        }
+        let (found, notes) = check((1241, 375), [1241, 375]);
+        assert_eq!((found.expect("its size"), notes), ([1241, 375], 0));
+        for (calibrated, recorded) in [
+            ((1242, 376), [1241, 376]),
+            ((1240, 376), [1242, 376]),
+            ((1241, 376), [1243, 376]),
+        ] {
+            let error = check(calibrated, recorded).0.expect_err("another size");
+            assert!(error.to_string().contains("feet/left is for"), "{error}");
+        }
+    }
 
     #[test]
     fn an_imu_with_little_coverage_is_not_the_first() {

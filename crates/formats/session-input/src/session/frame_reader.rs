@@ -8,6 +8,7 @@ use std::ops::Range;
 use std::sync::Arc;
 
 use session_archive::time::HostTime;
+use video::raw_image::without_padding;
 use video::{Decoder, RawImage};
 
 use super::content::Content;
@@ -131,17 +132,14 @@ impl FrameReader {
         if let Some(image) = self.content.kept_frames.read(self.camera, position) {
             return Ok(image);
         }
-        let image = self.decoded(position)?;
+        let decoded = self.decoded(position)?;
         let camera = &self.content.cameras[self.camera];
-        if (image.width, image.height) != (camera.width, camera.height) {
-            return Err(FrameFault::Size {
-                found_width: image.width,
-                found_height: image.height,
-                width: camera.width,
-                height: camera.height,
-            });
-        }
-        Ok(image)
+        without_padding(&decoded, camera.width, camera.height).ok_or(FrameFault::Size {
+            found_width: decoded.width,
+            found_height: decoded.height,
+            width: camera.width,
+            height: camera.height,
+        })
     }
 
     fn decoded(&mut self, position: usize) -> Result<RawImage, FrameFault> {

@@ -12,6 +12,7 @@ use super::delivery::Shared;
 use super::kinds::{Force, Input, Kind, Need};
 use crate::native::{NVMM, NativeFormat};
 use crate::pipeline::{self, lock};
+use crate::raw_image::coded_size;
 
 /// Before a key frame is forced by signal, how long to wait for earlier frames to come out.
 const SIGNAL_WAIT: Duration = Duration::from_millis(200);
@@ -25,10 +26,11 @@ fn rate(settings: &EncoderSettings) -> gst::Fraction {
 }
 
 fn raw_caps(settings: &EncoderSettings, format: &str) -> gst::Caps {
+    let (width, height) = coded_size(settings.width, settings.height);
     gst::Caps::builder("video/x-raw")
         .field("format", format)
-        .field("width", settings.width as i32)
-        .field("height", settings.height as i32)
+        .field("width", width as i32)
+        .field("height", height as i32)
         .field("framerate", rate(settings))
         .field("pixel-aspect-ratio", gst::Fraction::new(1, 1))
         .field("interlace-mode", "progressive")
@@ -50,10 +52,11 @@ pub(super) fn input_caps(settings: &EncoderSettings, native: Option<&NativeForma
 
 /// Layout, size and memory alone: a converter keeps the colours as they are.
 fn plain_caps(settings: &EncoderSettings, format: &str, memory: Option<&str>) -> gst::Caps {
+    let (width, height) = coded_size(settings.width, settings.height);
     let mut caps = gst::Caps::builder("video/x-raw")
         .field("format", format)
-        .field("width", settings.width as i32)
-        .field("height", settings.height as i32)
+        .field("width", width as i32)
+        .field("height", height as i32)
         .build();
     let features = memory.map(|memory| gst::CapsFeatures::new([memory]));
     caps.make_mut().set_features_simple(features);

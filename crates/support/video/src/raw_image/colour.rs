@@ -25,27 +25,32 @@ const HALF: i32 = 1 << (BITS - 1);
 /// What [`PixelFormat::bytes`] gives for I420, and [`RawImageError::WrongLength`].
 pub fn rgb_to_i420(width: u32, height: u32, rgb: &[u8]) -> Result<RawImage, RawImageError> {
     let mut data = blank(width, height)?;
-    expect_length(rgb, 3 * (data.len() / 3 * 2))?;
-    let width_ = width as usize;
-    let (luma, cb, cr) = planes_mut(&mut data);
+    let columns = width as usize;
+    let pixels = columns * height as usize;
+    expect_length(rgb, 3 * pixels)?;
+    let (luma, chroma) = data.split_at_mut(pixels);
+    let (cb, cr) = chroma.split_at_mut(chroma.len() / 2);
     for (rgb, luma) in rgb.chunks_exact(3).zip(luma) {
         let [r, g, b] = [rgb[0], rgb[1], rgb[2]].map(i32::from);
         *luma = ((19595 * r + 38470 * g + 7471 * b + HALF) >> BITS) as u8;
     }
     let chroma_rows = cb
-        .chunks_exact_mut(width_ / 2)
-        .zip(cr.chunks_exact_mut(width_ / 2));
-    for (rows, (cb, cr)) in rgb.chunks_exact(6 * width_).zip(chroma_rows) {
-        let (upper, lower) = rows.split_at(3 * width_);
-        let blocks = upper.chunks_exact(6).zip(lower.chunks_exact(6));
+        .chunks_exact_mut(columns.div_ceil(2))
+        .zip(cr.chunks_exact_mut(columns.div_ceil(2)));
+    for (rows, (cb, cr)) in rgb.chunks(6 * columns).zip(chroma_rows) {
+        let (upper, lower) = rows.split_at(3 * columns);
+        // An odd last row or column counts twice.
+        let lower = if lower.is_empty() { upper } else { lower };
+        let blocks = upper.chunks(6).zip(lower.chunks(6));
         for ((upper, lower), (cb, cr)) in blocks.zip(cb.iter_mut().zip(cr)) {
+            let next = upper.len() - 3;
             // Sums of four pixels, hence two more fractional bits.
             let [r, g, b] = [0, 1, 2].map(|channel| {
                 [
                     upper[channel],
-                    upper[channel + 3],
+                    upper[channel + next],
                     lower[channel],
-                    lower[channel + 3],
+                    lower[channel + next],
                 ]
                 .into_iter()
                 .map(i32::from)
@@ -75,13 +80,10 @@ pub fn i420_to_rgb(image: &RawImage) -> Result<Vec<u8>, RawImageError> {
         .zip(rgb.chunks_exact_mut(3 * width))
         .enumerate()
     {
-        let chroma = row / 2 * (width / 2)..(row / 2 + 1) * (width / 2);
+        let columns = width.div_ceil(2);
+        let chroma = row / 2 * columns..(row / 2 + 1) * columns;
         let chroma = cb[chroma.clone()].iter().zip(&cr[chroma]);
-        for ((luma, rgb), (&cb, &cr)) in luma
-            .chunks_exact(2)
-            .zip(rgb.chunks_exact_mut(6))
-            .zip(chroma)
-        {
+        for ((luma, rgb), (&cb, &cr)) in luma.chunks(2).zip(rgb.chunks_mut(6)).zip(chroma) {
             let (cb, cr) = (i32::from(cb) - 128, i32::from(cr) - 128);
             let red = 91881 * cr + HALF;
             let green = -22553 * cb - 46802 * cr + HALF;
@@ -106,7 +108,8 @@ pub fn nv12_to_i420(width: u32, height: u32, nv12: &[u8]) -> Result<RawImage, Ra
     expect_length(nv12, data.len())?;
     let stride = width as usize;
     let (luma, chroma) = nv12.split_at(stride * height as usize);
-    let planes = [luma, chroma].map(|data| Strided { data, stride });
+    let planes = [(luma, stride), (chroma, 2 * stride.div_ceil(2))];
+    let planes = planes.map(|(data, stride)| Strided { data, stride });
     rows::write(
         Layout::Nv12(planes),
         Window::whole(&mut data, width, height),
@@ -118,10 +121,14 @@ pub fn nv12_to_i420(width: u32, height: u32, nv12: &[u8]) -> Result<RawImage, Ra
 /// two rows, halves rounded up.
 ///
 /// # Errors
-/// What [`PixelFormat::bytes`] gives for I420, and [`RawImageError::WrongLength`].
+/// What [`PixelFormat::bytes`] gives for I420, [`RawImageError::OddSize`] for an odd width, and
+/// [`RawImageError::WrongLength`].
 pub fn yuyv_to_i420(width: u32, height: u32, yuyv: &[u8]) -> Result<RawImage, RawImageError> {
     let mut data = blank(width, height)?;
-    expect_length(yuyv, data.len() / 3 * 4)?;
+    if !width.is_multiple_of(2) {
+        return Err(RawImageError::OddSize { width, height });
+    }
+    expect_length(yuyv, 2 * width as usize * height as usize)?;
     let plane = Strided {
         data: yuyv,
         stride: 2 * width as usize,
@@ -133,13 +140,6 @@ pub fn yuyv_to_i420(width: u32, height: u32, yuyv: &[u8]) -> Result<RawImage, Ra
 /// Room for an I420 image.
 fn blank(width: u32, height: u32) -> Result<Vec<u8>, RawImageError> {
     Ok(vec![0; PixelFormat::I420.bytes(width, height)?])
-}
-
-/// Luma, Cb and Cr of I420 bytes.
-fn planes_mut(data: &mut [u8]) -> (&mut [u8], &mut [u8], &mut [u8]) {
-    let (luma, chroma) = data.split_at_mut(data.len() / 3 * 2);
-    let (cb, cr) = chroma.split_at_mut(chroma.len() / 2);
-    (luma, cb, cr)
 }
 
 fn expect_length(bytes: &[u8], expected: usize) -> Result<(), RawImageError> {

@@ -49,7 +49,8 @@ pub(crate) enum Layout<'a> {
     Uyvy(Strided<'a>),
 }
 
-/// Where to write: `columns` columns from column `x` on, of an I420 image that is `width` wide.
+/// Where to write: `columns` columns from column `x` on, which is even, of an I420 image that is
+/// `width` wide.
 #[derive(Debug)]
 pub(crate) struct Window<'a> {
     pub(crate) data: &'a mut [u8],
@@ -92,10 +93,11 @@ pub(crate) fn write(source: Layout<'_>, window: Window<'_>) -> Result<(), RawIma
     }
     let [width, height, x, columns] = [width, height, x, columns].map(|n| n as usize);
     let (luma, chroma) = data.split_at_mut(width * height);
-    let (cb, cr) = chroma.split_at_mut(width * height / 4);
+    let (cb, cr) = chroma.split_at_mut(chroma.len() / 2);
     let luma = cut(luma, width, x, columns);
-    let cb = cut(cb, width / 2, x / 2, columns / 2);
-    let cr = cut(cr, width / 2, x / 2, columns / 2);
+    let (half, rows) = (columns.div_ceil(2), height.div_ceil(2));
+    let cb = cut(cb, width.div_ceil(2), x / 2, half);
+    let cr = cut(cr, width.div_ceil(2), x / 2, half);
     match source {
         Layout::Grey(plane) => {
             copy(plane.rows(columns, height)?, luma);
@@ -103,15 +105,15 @@ pub(crate) fn write(source: Layout<'_>, window: Window<'_>) -> Result<(), RawIma
         }
         Layout::I420([y, u, v]) => {
             let y = y.rows(columns, height)?;
-            let u = u.rows(columns / 2, height / 2)?;
-            let v = v.rows(columns / 2, height / 2)?;
+            let u = u.rows(half, rows)?;
+            let v = v.rows(half, rows)?;
             copy(y, luma);
             copy(u, cb);
             copy(v, cr);
         }
         Layout::Nv12([y, pairs]) => {
             let y = y.rows(columns, height)?;
-            let pairs = pairs.rows(columns, height / 2)?;
+            let pairs = pairs.rows(2 * half, rows)?;
             copy(y, luma);
             for (pairs, (cb, cr)) in pairs.zip(cb.zip(cr)) {
                 for (pair, (cb, cr)) in pairs.chunks_exact(2).zip(cb.iter_mut().zip(cr)) {
@@ -119,6 +121,10 @@ pub(crate) fn write(source: Layout<'_>, window: Window<'_>) -> Result<(), RawIma
                     *cr = pair[1];
                 }
             }
+        }
+        Layout::Yuyv(_) | Layout::Uyvy(_) if !columns.is_multiple_of(2) => {
+            let [width, height] = [columns, height].map(|n| n as u32);
+            return Err(RawImageError::OddSize { width, height });
         }
         Layout::Yuyv(plane) => unpack::<0>(plane.rows(2 * columns, height)?, luma, cb.zip(cr)),
         Layout::Uyvy(plane) => unpack::<1>(plane.rows(2 * columns, height)?, luma, cb.zip(cr)),
@@ -151,9 +157,11 @@ fn unpack<'a, const Y: usize>(
     chroma: impl Iterator<Item = (&'a mut [u8], &'a mut [u8])>,
 ) {
     for (cb, cr) in chroma {
-        let (Some(upper), Some(lower)) = (source.next(), source.next()) else {
+        let Some(upper) = source.next() else {
             return;
         };
+        // An odd last row has the chroma to itself.
+        let lower = source.next().unwrap_or(upper);
         for (row, luma) in [upper, lower].into_iter().zip(&mut luma) {
             for (pair, luma) in row.chunks_exact(2).zip(luma) {
                 *luma = pair[Y];

@@ -224,7 +224,7 @@ fn what_cannot_work_is_refused_with_a_reason() {
         assert!(matches!(refused(&settings), CaptureError::Settings(_)));
     }
     let odd = CaptureSettings::new(LIVE, 63, 32, 30.0);
-    assert!(matches!(refused(&odd), CaptureError::Size(_)));
+    assert!(matches!(refused(&odd), CaptureError::Settings(_)));
     let native_eyes = CaptureSettings {
         right_chain: Some(LIVE.into()),
         delivery: Delivery::Native,

@@ -78,8 +78,8 @@ fn the_choice_is_a_function_of_what_works_and_of_the_pixel_rate() {
 #[test]
 fn one_encoder_serves_every_camera_of_a_session_or_none() {
     let load = Load {
-        // The second is of an odd width, which none takes.
-        cameras: vec![(320, 96, 30.0), (161, 64, 30.0)],
+        // The second is of a width that none takes.
+        cameras: vec![(320, 96, 30.0), (16_386, 64, 30.0)],
         threads: 1,
     };
     assert_eq!(choose(&load).unwrap_err().refused.len(), candidates().len());
