@@ -312,7 +312,7 @@ pub fn split(both: &RawImage) -> Result<(RawImage, RawImage), RawImageError> {
         for row in plane.data.chunks_exact(plane.width) {
             let (first, second) = row.split_at(plane.width / 2);
             if is_between {
-                // The sample in the middle is of the last pixel on the left, the first on the right.
+                // The sample in the middle is of the last left and the first right pixel.
                 left.extend_from_slice(&row[..plane.width / 2 + 1]);
                 let next = second[1..].iter().chain(second.last());
                 right.extend(second.iter().zip(next).map(|(a, b)| mean(*a, *b)));

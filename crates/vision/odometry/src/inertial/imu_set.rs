@@ -196,8 +196,8 @@ pub(crate) fn motion_factor(
     }
 }
 
-/// The samples of an interval that show gravity and the biases at rest: those before `until_ns`
-/// without gap or saturation, at most as many as the window has, ns.
+/// The samples without gap or saturation before `until_ns`, of the last `window_ns` at most. They
+/// show gravity and, at rest, the gyroscope bias.
 pub(crate) fn continuous_readings(
     imu: &ImuPropagator,
     until_ns: i64,

@@ -9,7 +9,7 @@ const PERIOD_NS: i64 = 10_000_000;
 const RATE: [f64; 3] = [0.2, -0.1, 0.8];
 const FORCE: [f64; 3] = [1.0, 0.5, 9.8];
 
-/// The second IMU is 30 cm to the side, with its axes turned by a quarter.
+/// The second IMU is 30 cm to the side, with its axes rotated by a quarter.
 fn rig() -> Rig {
     let first = test_rig::imu();
     let mut second = test_rig::imu();
