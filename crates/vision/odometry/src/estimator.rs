@@ -361,7 +361,7 @@ impl Odometry {
         };
         config.optimize_every_frame
             || self.number <= config.initial_frames
-            || (self.imu.is_some() && tilt_variance() > config.settled_tilt_sigma_rad.powi(2))
+            || (self.imus.is_some() && tilt_variance() > config.settled_tilt_sigma_rad.powi(2))
     }
 
     /// Tracks all features into new images. The predictions follow from the last and the predicted
@@ -450,9 +450,14 @@ impl Odometry {
             // The last frame set is nearer than the keyframe, whose velocity may not yet be known.
             let seconds = (time_ns - last.time_ns) as f64 * 1e-9;
             let (rotation, position) = last.pose_after(seconds);
+            let is_rotation_measured = self.gyro_rate(time_ns).is_some();
             guess = State {
                 position,
-                rotation,
+                rotation: if is_rotation_measured {
+                    guess.rotation
+                } else {
+                    rotation
+                },
                 velocity: last.velocity,
                 ..guess
             };

@@ -17,6 +17,7 @@ use crate::backend::solver::{for_each_residual, linearize, optimize_window};
 use crate::backend::state::{GRAVITY, STATE_DIM, State};
 use crate::backend::window::{Frame, Landmark, MotionFactor, Prior, Window};
 use crate::config::Config;
+use crate::inertial::imu_set::body_frame;
 use crate::inertial::propagation::ImuPropagator;
 use crate::rig::Rig;
 use camera_models::{Eye, ImuSample};
@@ -73,10 +74,11 @@ pub fn estimate(
     imu: &[ImuSample],
     sets: &[Bearings],
 ) -> Option<[Vec<TrackPose>; 2]> {
-    let (cameras, _, propagator) = ImuPropagator::of(rig, &config.inertial);
-    let mut propagator = propagator?;
+    let (cameras, _) = body_frame(rig);
+    let body_from_imu = RigidTransform::identity();
+    let mut propagator = ImuPropagator::new(rig.imus.first()?, &body_from_imu, &config.inertial);
     for sample in imu {
-        propagator.samples.push(sample, propagator.range);
+        propagator.push(sample);
     }
     let mut state = State::at_rest(sets.first()?.time_ns);
     state.position = *first.world_from_imu.translation();
@@ -180,7 +182,7 @@ fn pose(config: &Config, state: &State, covariance: &Matrix6<f64>) -> TrackPose 
 
 /// The next frame, propagated by the IMU.
 fn next_frame(imu: &ImuPropagator, from: &State, number: u64, time_ns: i64) -> Option<Frame> {
-    let preintegrated = imu.preintegrate(from, time_ns)?;
+    let (preintegrated, has_gravity) = imu.preintegrate(from, time_ns, from.gyro_rate)?;
     let seconds = (time_ns - from.time_ns) as f64 * 1e-9;
     let gravity = Vector3::new(0.0, 0.0, -GRAVITY);
     let state = State {
@@ -195,7 +197,7 @@ fn next_frame(imu: &ImuPropagator, from: &State, number: u64, time_ns: i64) -> O
     };
     let motion = MotionFactor {
         preintegrated,
-        has_gravity: true,
+        has_gravity,
         bias_walk: imu.bias_walk(),
     };
     Some(Frame {

@@ -207,7 +207,7 @@ mod tests {
                     time_ns: (t * 1e9) as i64,
                     gyro: Vector3::new((3.0 * t).sin(), 1.4 * (4.0 * t).cos(), 0.3),
                     accel: Vector3::new(3.0 * (5.0 * t).cos(), 1.0 + t, 9.0),
-                    saturated: false,
+                    saturated: [false; 2],
                 }
             })
             .collect();

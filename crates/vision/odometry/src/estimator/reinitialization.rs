@@ -114,7 +114,10 @@ impl Odometry {
 
     /// Whether there are no recent IMU samples.
     fn is_imu_silent(&self, time_ns: i64) -> bool {
-        let last = self.imu.as_ref().and_then(|imu| imu.samples.last_ns());
+        let last = self
+            .imus
+            .as_ref()
+            .and_then(|imus| imus.current().samples.last_ns());
         let timeout_ns = self.config.estimator.reinitialization.imu_timeout_ns;
         last.is_none_or(|last| time_ns - last > timeout_ns)
     }
