@@ -131,9 +131,16 @@ fn report_recovered(
     console: &mut Console<'_>,
 ) -> Result<Outcome> {
     let kept: u64 = recovered.copy.streams.values().map(|s| s.samples).sum();
-    let lost: u64 = recovered.source.streams.values().map(|s| s.lost).sum();
+    let lost: u64 = recovered.lost.iter().map(|l| l.last - l.first + 1).sum();
     for fault in faults(&recovered.source) {
         console.line(format!("  {fault}"))?;
+    }
+    if recovered.saved_chunks > 0 {
+        console.line(format!(
+            "  {} saved from {} with a wrong checksum: all but the frames with damaged images",
+            text::count(recovered.saved_messages, "message"),
+            text::count(recovered.saved_chunks, "chunk"),
+        ))?;
     }
     console.line(format!(
         "{name}: recovered as {copy}, {} kept, {lost} lost",

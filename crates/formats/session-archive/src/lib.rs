@@ -95,7 +95,9 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
+pub mod foreign;
 pub mod handoff;
+mod impossible;
 pub mod index;
 pub mod layout;
 pub mod manifest;
@@ -103,6 +105,8 @@ pub mod mcap;
 pub mod reader;
 pub mod record;
 pub mod recover;
+mod roles;
+mod salvage;
 pub mod scan;
 pub mod storage;
 pub mod text;

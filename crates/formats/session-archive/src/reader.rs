@@ -9,7 +9,8 @@
 //! The order is the order written: each stream is in the order of its numbers, streams are
 //! interleaved to within a chunk. The heads of segments after the first repeat state; of what they
 //! repeat, only what was not seen before is passed on, because its chunk is missing or damaged.
-//! A segment whose head names another segment is damage, and nothing in it is passed on.
+//! A segment whose head names another segment is damage, and nothing in it is passed on. A message
+//! that no recorder can have written ([`DamageKind::Impossible`]) is damage as well.
 
 use std::collections::{BTreeMap, VecDeque};
 use std::io;
@@ -17,12 +18,15 @@ use std::sync::Arc;
 
 use bytes::Bytes;
 
+use crate::foreign::{McapFile, identify};
+use crate::impossible::impossible;
 use crate::layout;
 use crate::manifest::{
     Manifest, ManifestError, SegmentEntry, SegmentState, State, Stream, is_state,
 };
-use crate::mcap::Record as McapRecord;
+use crate::mcap::{self, CHUNK_PREFIX, Record as McapRecord};
 use crate::record::{Protobuf, Record, Segment};
+use crate::roles::Roles;
 use crate::scan::{Damage, DamageKind, End, Item, Scan, VerifiedChunk};
 use crate::storage::{ReadAt, Storage};
 use crate::time::HostTime;
@@ -38,6 +42,18 @@ pub enum ReadError {
     #[error("no session here: neither {manifest} nor {dir}/ with a readable segment",
         manifest = layout::MANIFEST, dir = layout::SEGMENTS)]
     NoSession,
+    /// The folder has a segment's name on an MCAP file of another profile: it can be converted, not
+    /// opened. A ROS 2 bag is recorded again as a session by `pawsd`, as a source of kind `bag`.
+    #[error(
+        "no session here: {path} is {file}; expected the profile {profile:?}; `pawsd record` makes a session of a ROS 2 \
+         bag, as a source of kind = \"bag\"", profile = crate::writer::PROFILE
+    )]
+    OtherProfile {
+        /// The file.
+        path: String,
+        /// What it is.
+        file: Box<McapFile>,
+    },
     /// The manifest was written by a newer version, or cannot be read.
     #[error(transparent)]
     Manifest(#[from] ManifestError),
@@ -74,6 +90,21 @@ pub struct Message {
 }
 
 impl Message {
+    /// A message in the records of a chunk.
+    pub(crate) fn of_chunk(segment: u32, chunk: &VerifiedChunk, m: &mcap::Message<'_>) -> Self {
+        let payload_offset = m.data.as_ptr() as usize - chunk.records.as_ptr() as usize;
+        Self {
+            segment,
+            chunk_offset: chunk.offset,
+            payload_offset: payload_offset as u32,
+            stream: m.channel_id,
+            sequence: m.sequence,
+            time: HostTime(m.log_time as i64),
+            published: HostTime(m.publish_time as i64),
+            data: chunk.records.slice_ref(m.data),
+        }
+    }
+
     /// The payload as a message of type `R`.
     ///
     /// # Errors
@@ -260,6 +291,7 @@ impl SessionReader {
             queue: VecDeque::new(),
             head_seen: false,
             strangers: self.strangers.iter(),
+            roles: Roles::new(&self.manifest),
             states: (self.manifest.streams.iter())
                 .filter(|s| is_state(s))
                 .map(|s| (s.id, None))
@@ -349,6 +381,20 @@ fn rebuild_manifest(storage: &dyn Storage, found: &[u32]) -> Result<Manifest, Re
             .map(entry)
             .collect();
         return Ok(manifest);
+    }
+    for &number in found {
+        let path = layout::segment(number);
+        let failed = |error| ReadError::Io {
+            path: path.clone(),
+            error,
+        };
+        let file = storage.open(&path).map_err(failed)?;
+        if let Some(file) = identify(&*file).map_err(failed)?
+            && file.profile != crate::writer::PROFILE
+        {
+            let file = Box::new(file);
+            return Err(ReadError::OtherProfile { path, file });
+        }
     }
     Err(ReadError::NoSession)
 }
@@ -454,6 +500,7 @@ pub struct Entries<'a> {
     head_seen: bool,
     /// Files that come last, as damage.
     strangers: std::slice::Iter<'a, u32>,
+    roles: Roles,
     /// Sequence number of the newest message passed on of every stream that holds state.
     states: BTreeMap<u16, Option<u32>>,
 }
@@ -548,24 +595,28 @@ impl Entries<'_> {
 
     fn push_messages(&mut self, segment: u32, chunk: &VerifiedChunk, is_head: bool) {
         let base = chunk.records.as_ptr() as usize;
+        let mut left_out = impossible(&chunk.records, &self.roles)
+            .into_iter()
+            .peekable();
         for m in chunk.messages().map_while(Result::ok) {
+            let payload_offset = m.data.as_ptr() as usize - base;
+            if let Some(range) = left_out.next_if(|range| range.contains(&payload_offset)) {
+                let at = chunk.offset + CHUNK_PREFIX as u64;
+                let damage = Damage {
+                    bytes: at + range.start as u64..at + range.end as u64,
+                    kind: DamageKind::Impossible,
+                };
+                self.push_damage(segment, damage);
+                continue;
+            }
             match self.states.get_mut(&m.channel_id) {
                 Some(seen) if is_head && seen.is_some_and(|s| s >= m.sequence) => continue,
                 Some(seen) => *seen = Some(m.sequence),
                 None if is_head && self.head_seen => continue,
                 None => {}
             }
-            let payload_offset = m.data.as_ptr() as usize - base;
-            self.queue.push_back(Entry::Message(Message {
-                segment,
-                chunk_offset: chunk.offset,
-                payload_offset: payload_offset as u32,
-                stream: m.channel_id,
-                sequence: m.sequence,
-                time: HostTime(m.log_time as i64),
-                published: HostTime(m.publish_time as i64),
-                data: chunk.records.slice_ref(m.data),
-            }));
+            let message = Message::of_chunk(segment, chunk, &m);
+            self.queue.push_back(Entry::Message(message));
         }
     }
 }

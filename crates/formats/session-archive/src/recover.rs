@@ -2,12 +2,15 @@
 //!
 //! Recovery only reads the source. It writes a new session beside it: every chunk whose checksum
 //! held is copied byte for byte, every segment gets its summary, and what is missing without a gap
-//! record gets one with cause `CAUSE_DAMAGED`. Nothing that failed its checksum is copied, so no
-//! fresh checksum is ever put over damaged bytes. The copy is verified before it is called good.
+//! record gets one with cause `CAUSE_DAMAGED`. Of a chunk whose checksum does not hold, everything
+//! but the damaged frames is copied if the checksums of its access units prove it sound
+//! (`salvage.rs`), else nothing. Nothing that failed its checksum is copied, so no fresh checksum
+//! is ever put over damaged bytes; nor is a message that no recorder can have written
+//! (`impossible.rs`). The copy is verified before it is called good.
 //!
 //! Where nothing is damaged and only the end is cut off, the segments are, byte for byte, those
 //! that a clean close of the same chunks would have left. A chunk that was only partly written is
-//! not salvaged: its checksum is over the whole.
+//! not salvaged.
 //!
 //! [`close_cut_off`] does the same in place, for the recorder that finds its own session cut off:
 //! where nothing is damaged, the segments that were open are rewritten beside themselves and put in
@@ -17,15 +20,20 @@ use std::collections::BTreeMap;
 use std::io;
 use std::sync::Arc;
 
+use bytes::Bytes;
+
+use crate::impossible::{impossible, without};
 use crate::layout;
 use crate::manifest::{Extent, Manifest, SegmentEntry, SegmentState, State, Stop, is_state};
-use crate::mcap::{ChunkBuilder, SegmentEncoder, sealed_chunk};
-use crate::reader::{ReadError, SessionReader, head_of};
+use crate::mcap::{ChunkBuilder, RECORD_HEADER, SegmentEncoder, sealed_chunk};
+use crate::reader::{Message, ReadError, SegmentScan, SessionReader, head_of};
 use crate::record::{Event, Gap, Protobuf, Segment, paws};
-use crate::scan::{Item, VerifiedChunk};
+use crate::roles::Roles;
+use crate::salvage::salvage;
+use crate::scan::{CHUNK_LIMIT, Damage, DamageKind, Item, VerifiedChunk};
 use crate::storage::{self, Storage};
 use crate::time::HostTime;
-use crate::verify::{Lost, Report, rig_file, verify};
+use crate::verify::{Check, Lost, Report, rig_file, verify};
 use crate::writer::{LIBRARY, PROFILE, head_chunk};
 
 /// Appended to the name of a segment that is rewritten.
@@ -58,6 +66,13 @@ pub struct Recovered {
     pub source: Report,
     /// What the copy holds.
     pub copy: Report,
+    /// Chunks whose checksum did not hold and of which messages were saved.
+    pub saved_chunks: u64,
+    /// Messages saved of them.
+    pub saved_messages: u64,
+    /// Samples that could not be recovered: the gap records that recovery wrote. Fewer than the
+    /// source's, which a reader finds lost, by those that were saved.
+    pub lost: Vec<Lost>,
 }
 
 /// Recovers a session into an empty storage.
@@ -79,19 +94,20 @@ pub struct Recovered {
 /// #     damaged.set_content(path, read_all(&folder, path)?);
 /// # }
 /// # let mut segment = damaged.content("segments/000000.mcap").ok_or("no segment")?;
-/// # let middle = segment.len() / 2;
-/// # segment[middle] ^= 1;
+/// # let in_an_access_unit = segment.len() / 2 + 8;
+/// # segment[in_an_access_unit] ^= 1;
 /// # damaged.set_content("segments/000000.mcap", segment);
-/// // One bit of the only segment is wrong: the chunk around it fails its checksum.
+/// // One bit of an image is wrong: the chunk around it fails its checksum.
 /// let source = SessionReader::open(damaged)?;
 /// let target = tempfile::tempdir()?;
 /// let recovered = recover(&source, Arc::new(DiskStorage::new(target.path())), |_| {})?;
 /// assert!(!recovered.source.is_sound());
 /// assert!(recovered.copy.is_sound());
-/// // Every frame that is missing in the copy has a gap record.
-/// let feet = &recovered.copy.streams["feet"];
-/// assert!(feet.gaps > 0);
-/// assert_eq!(feet.samples + feet.gaps, feet.expected());
+/// // All but the frame around that bit was saved, and that frame has a gap record.
+/// assert_eq!((recovered.saved_chunks, recovered.lost.len()), (1, 1));
+/// let camera = &recovered.copy.streams["left_shoulder"];
+/// assert_eq!(camera.gaps, 1);
+/// assert_eq!(camera.samples + camera.gaps, camera.expected());
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 pub fn recover(
@@ -104,7 +120,9 @@ pub fn recover(
     for number in source.segment_numbers() {
         copy.segment(number)?;
     }
-    copy.finish(&report)?;
+    let found = std::mem::replace(&mut copy.check, Check::new(source)).finish();
+    copy.finish(&found)?;
+    let (saved_chunks, saved_messages) = (copy.saved_chunks, copy.saved_messages);
     let reader = SessionReader::open(target)?;
     let checked = verify(&reader, progress)?;
     if has_new_faults(&report, &checked) {
@@ -113,6 +131,9 @@ pub fn recover(
     Ok(Recovered {
         source: report,
         copy: checked,
+        saved_chunks,
+        saved_messages,
+        lost: found.lost,
     })
 }
 
@@ -242,6 +263,11 @@ struct Copy<'a> {
     /// The newest segment, not yet ended: the gap records go to its end.
     open: Option<(u32, SegmentEncoder, Box<dyn storage::WriteFile>)>,
     newest: HostTime,
+    roles: Roles,
+    /// Of everything that was copied.
+    check: Check,
+    saved_chunks: u64,
+    saved_messages: u64,
 }
 
 impl<'a> Copy<'a> {
@@ -252,16 +278,7 @@ impl<'a> Copy<'a> {
             stopped: source.manifest().stopped.clone(),
             ..source.manifest().clone()
         };
-        let mut copy = Self {
-            source,
-            target,
-            suffix: "",
-            copied_bytes: 0,
-            states: BTreeMap::new(),
-            open: None,
-            newest: manifest.started,
-            manifest,
-        };
+        let mut copy = Self::with(source, target, manifest, "");
         copy.rig().map_err(RecoverError::Write)?;
         Ok(copy)
     }
@@ -273,14 +290,27 @@ impl<'a> Copy<'a> {
             segments: Vec::new(),
             ..source.manifest().clone()
         };
+        Self::with(source, storage, manifest, CLOSING)
+    }
+
+    fn with(
+        source: &'a SessionReader,
+        target: &'a dyn Storage,
+        manifest: Manifest,
+        suffix: &'static str,
+    ) -> Self {
         Self {
             source,
-            target: storage,
-            suffix: CLOSING,
+            target,
+            suffix,
             copied_bytes: 0,
             states: BTreeMap::new(),
             open: None,
             newest: manifest.started,
+            roles: Roles::new(&manifest),
+            check: Check::new(source),
+            saved_chunks: 0,
+            saved_messages: 0,
             manifest,
         }
     }
@@ -319,7 +349,10 @@ impl<'a> Copy<'a> {
         self.end_segment().map_err(RecoverError::Write)?;
         let path = layout::segment(number);
         let mut scan = match self.source.segment(number) {
-            Ok(segment) => Some(segment.scan()?),
+            Ok(segment) => {
+                let scan = segment.scan()?;
+                Some((segment, scan))
+            }
             Err(ReadError::Io { error, .. }) if error.kind() == io::ErrorKind::NotFound => None,
             Err(e) => return Err(e.into()),
         };
@@ -330,14 +363,19 @@ impl<'a> Copy<'a> {
         let (mut encoder, start) = SegmentEncoder::start(PROFILE, LIBRARY);
         file.append(&start).map_err(RecoverError::Write)?;
         let mut at_start = true;
-        while let Some(scan) = &mut scan {
-            let item = scan.next_item().map_err(|error| ReadError::Io {
+        while let Some((segment, scan)) = &mut scan {
+            let failed = |error| ReadError::Io {
                 path: path.clone(),
                 error,
-            })?;
-            let chunk = match item {
+            };
+            let mut chunk = match scan.next_item().map_err(failed)? {
                 Some(Item::Chunk(chunk)) => chunk,
-                Some(Item::Damage(_)) => continue,
+                Some(Item::Damage(damage)) => {
+                    match self.saved(segment, &damage).map_err(failed)? {
+                        Some(chunk) => chunk,
+                        None => continue,
+                    }
+                }
                 None => break,
             };
             let head = at_start.then(|| head_of(&chunk)).flatten();
@@ -346,6 +384,8 @@ impl<'a> Copy<'a> {
                 break;
             }
             let is_head = head.is_some();
+            let left_out = impossible(&chunk.records, &self.roles);
+            chunk.records = without(&chunk.records, &left_out);
             if is_head {
                 self.note_states(&chunk);
             }
@@ -358,6 +398,9 @@ impl<'a> Copy<'a> {
                 continue;
             }
             self.note_states(&chunk);
+            for m in chunk.messages().map_while(Result::ok) {
+                self.check.message(&Message::of_chunk(number, &chunk, &m));
+            }
             put(&mut *file, &mut encoder, &sealed_chunk(&chunk.records))?;
         }
         if at_start {
@@ -369,6 +412,29 @@ impl<'a> Copy<'a> {
         }
         self.open = Some((number, encoder, file));
         Ok(())
+    }
+
+    /// What can be saved of a range whose checksum did not hold.
+    fn saved(
+        &mut self,
+        segment: &SegmentScan,
+        damage: &Damage,
+    ) -> io::Result<Option<VerifiedChunk>> {
+        if damage.kind != DamageKind::Checksum {
+            return Ok(None);
+        }
+        let length =
+            (damage.bytes.end - damage.bytes.start).min(CHUNK_LIMIT + RECORD_HEADER as u64);
+        let mut bytes = vec![0; usize::try_from(length).map_err(io::Error::other)?];
+        segment
+            .file()
+            .read_exact_at(&mut bytes, damage.bytes.start)?;
+        let saved = salvage(&Bytes::from(bytes), damage.bytes.start, &self.roles);
+        if let Some(chunk) = &saved {
+            self.saved_chunks += 1;
+            self.saved_messages += chunk.messages().count() as u64;
+        }
+        Ok(saved)
     }
 
     /// The head of a segment: the one that it had, if the segment before has the same number of

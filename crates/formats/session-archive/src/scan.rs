@@ -18,7 +18,7 @@ use crate::writer::MAX_CHUNK_BYTES;
 
 /// A chunk may be this much larger than [`MAX_CHUNK_BYTES`]: the record that filled it, and its
 /// framing.
-const CHUNK_LIMIT: u64 = 2 * MAX_CHUNK_BYTES as u64 + 4096;
+pub(crate) const CHUNK_LIMIT: u64 = 2 * MAX_CHUNK_BYTES as u64 + 4096;
 /// The header is small; a longer one is damage.
 const RECORD_LIMIT: u64 = 1 << 20;
 /// Bytes searched at a time for the next chunk.
@@ -55,6 +55,11 @@ pub enum DamageKind {
     /// The head names another session or another number, or the number is far beyond the others'.
     /// It is not used.
     Foreign,
+    /// A message that no recorder can have written, although its chunk's checksum holds: on a
+    /// channel that the session does not have, with a negative log time, or with a log time that
+    /// is not that of its frame or sample. It is not used, and neither is the other half of a
+    /// frame.
+    Impossible,
 }
 
 /// A range of bytes of a segment that cannot be used, and why.

@@ -358,7 +358,8 @@ fn decodes_as(schema: &str) -> fn(&Message) -> bool {
     }
 }
 
-struct Check {
+/// Counts the messages of a session one after the other.
+pub(crate) struct Check {
     kinds: BTreeMap<u16, (Kind, String)>,
     report: Report,
     numbers: BTreeMap<String, Numbers>,
@@ -367,7 +368,7 @@ struct Check {
 }
 
 impl Check {
-    fn new(reader: &SessionReader) -> Self {
+    pub(crate) fn new(reader: &SessionReader) -> Self {
         let kinds = reader.manifest().streams.iter().map(|s| {
             let kind = match s.schema.as_str() {
                 name if name == CompressedVideo::SCHEMA.name => Kind::Video,
@@ -396,7 +397,7 @@ impl Check {
         }
     }
 
-    fn message(&mut self, m: &Message) {
+    pub(crate) fn message(&mut self, m: &Message) {
         self.report.messages += 1;
         let Some((kind, of)) = self.kinds.get(&m.stream) else {
             self.report.undecodable += 1;
@@ -477,7 +478,7 @@ impl Check {
         true
     }
 
-    fn finish(mut self) -> Report {
+    pub(crate) fn finish(mut self) -> Report {
         for of in self.awaiting.keys() {
             self.numbers
                 .entry(of.clone())

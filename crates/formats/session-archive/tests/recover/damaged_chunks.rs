@@ -1,23 +1,51 @@
 //! Damaged chunks: what they cost, and how that is recorded.
 
 use super::*;
+use damaged_frames::damaged_frames;
 
-/// Damages a session of four seconds in one way; `gone` are the chunks (0 is the head) that
-/// cannot survive it. Everything else must.
+/// Damages a session of four seconds in one way; `gone` are the chunks (0 is the head) that a
+/// reader cannot use. If the damage is in access units alone, recovery loses no more than their
+/// frames, else those chunks. Everything else must survive.
 fn check(name: &str, damage: impl FnOnce(&mut Vec<u8>, &[ChunkAt]), gone: &[usize]) {
     let samples = samples(4.0);
     let disk = clean(&samples);
     let chunks = chunks(&disk, 0);
     assert_eq!(chunks.len(), 9);
     let whole = messages(&open(&disk));
+    let original = disk.content(&layout::segment(0)).expect("segment");
     change(&disk, 0, |bytes| damage(bytes, &chunks));
+    let damaged = disk.content(&layout::segment(0)).expect("segment");
 
     let (result, target) = recovered(&disk);
     assert!(!result.source.is_sound(), "{name}: not noticed");
     assert!(!result.source.damage.is_empty(), "{name}: no damage");
     let gone: Vec<&ChunkAt> = gone.iter().map(|i| &chunks[*i]).collect();
-    let expected = lost(&samples, &gone);
-    assert_eq!(result.source.lost, expected, "{name}");
+    assert_eq!(result.source.lost, lost(&samples, &gone), "{name}");
+
+    let manifest = open(&disk).manifest().clone();
+    let mut missing_numbers = Missing::new();
+    let mut missing_places = BTreeSet::new();
+    for chunk in &gone {
+        let frames = damaged_frames(&original, &damaged, chunk, &manifest);
+        for m in whole
+            .iter()
+            .filter(|m| m.chunk_offset == chunk.bytes.start as u64)
+        {
+            let camera = &manifest.streams[usize::from(m.stream) - 1].of;
+            let is_gone = frames.as_ref().is_none_or(|frames| {
+                let numbers = frames.get(camera);
+                numbers.is_some_and(|n| n.contains(&u64::from(m.sequence)))
+            });
+            if is_gone {
+                missing_places.insert((m.chunk_offset, m.payload_offset));
+            }
+        }
+        for (stream, numbers) in frames.unwrap_or_else(|| missing(&[chunk])) {
+            missing_numbers.entry(stream).or_default().extend(numbers);
+        }
+    }
+    let expected = lost_without(&samples, &missing_numbers);
+    assert_eq!(result.lost, expected, "{name}");
 
     // The copy says so itself.
     let copy = open(&target);
@@ -37,10 +65,7 @@ fn check(name: &str, damage: impl FnOnce(&mut Vec<u8>, &[ChunkAt]), gone: &[usiz
     }
 
     // And holds everything else, byte for byte.
-    let is_gone = |m: &Message| {
-        let offset = m.chunk_offset as usize;
-        gone.iter().any(|chunk| chunk.bytes.start == offset)
-    };
+    let is_gone = |m: &Message| missing_places.contains(&(m.chunk_offset, m.payload_offset));
     let kept = whole.iter().filter(|m| !is_gone(m));
     let of_recovery = if gaps.is_empty() { 0 } else { gaps.len() + 1 };
     let (found, added) = found.split_at(found.len() - of_recovery);

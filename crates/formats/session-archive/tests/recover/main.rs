@@ -2,6 +2,8 @@
 //! touches the source.
 
 mod damaged_chunks;
+mod damaged_frames;
+mod impossible;
 mod segments;
 #[path = "../support/mod.rs"]
 mod support;
@@ -15,7 +17,7 @@ use session_archive::manifest::{Manifest, State};
 use session_archive::mcap::{CHUNK_PREFIX, Record, RecordIter, sealed_chunk};
 use session_archive::reader::{Entry, Message, ReadError, SessionReader};
 use session_archive::record::{
-    ClockMap, Frame, Gap, ImuBatch, Protobuf, Record as _, paws::gap::Cause,
+    ClockMap, CompressedVideo, Frame, Gap, ImuBatch, Protobuf, Record as _, paws::gap::Cause,
 };
 use session_archive::recover::{RecoverError, Recovered, close_cut_off, recover};
 use session_archive::scan::DamageKind;
@@ -141,17 +143,31 @@ fn change(disk: &FaultStorage, segment: u32, damage: impl FnOnce(&mut Vec<u8>)) 
     disk.set_content(&path, bytes);
 }
 
-/// What must be reported lost without these chunks: by stream, with the times of the samples
-/// around, or of those at the stream's ends.
-fn lost(samples: &[Sample], chunks: &[&ChunkAt]) -> Vec<Lost> {
-    let times = times(samples);
-    let mut gone: BTreeMap<&str, BTreeSet<u64>> = BTreeMap::new();
+/// Missing numbers, by stream.
+type Missing = BTreeMap<String, BTreeSet<u64>>;
+
+/// What is missing without these chunks.
+fn missing(chunks: &[&ChunkAt]) -> Missing {
+    let mut gone = Missing::new();
     for (stream, (first, last)) in chunks.iter().flat_map(|c| &c.numbers) {
-        gone.entry(stream).or_default().extend(*first..=*last);
+        let numbers = gone.entry(stream.clone()).or_default();
+        numbers.extend(*first..=*last);
     }
+    gone
+}
+
+/// What must be reported lost without these chunks.
+fn lost(samples: &[Sample], chunks: &[&ChunkAt]) -> Vec<Lost> {
+    lost_without(samples, &missing(chunks))
+}
+
+/// What must be reported lost without these numbers: by stream, with the times of the samples
+/// around, or of those at the stream's ends.
+fn lost_without(samples: &[Sample], gone: &Missing) -> Vec<Lost> {
+    let times = times(samples);
     let mut lost = Vec::new();
     for ((stream, number), time) in &times {
-        let is_gone = |n: u64| gone.get(stream).is_some_and(|g| g.contains(&n));
+        let is_gone = |n: u64| gone.get(*stream).is_some_and(|g| g.contains(&n));
         if !is_gone(*number) || number.checked_sub(1).is_some_and(is_gone) {
             continue;
         }
