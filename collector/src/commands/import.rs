@@ -8,6 +8,7 @@ use std::path::{Path, PathBuf};
 use anyhow::Result;
 use command_line::complain;
 use console_output::{Console, Outcome, text};
+use session_access::mcap_note;
 use session_archive::verify::Report;
 
 use crate::condition::Condition;
@@ -16,7 +17,7 @@ use crate::import::{ImportResult, import, no_hook, size};
 use crate::library::Library;
 use crate::loss::StreamLoss;
 use crate::quality::faults;
-use crate::session_search;
+use crate::session_search::{self, SearchResult};
 
 /// `format` of a line of JSON.
 const LINE: &str = "paws-import-line";
@@ -44,7 +45,11 @@ pub fn run_as(
     let mut outcome = Outcome::Fine;
     let mut sessions = Vec::new();
     for source in sources {
-        let found = session_search::sessions(source, Some(library.root()));
+        let note = source.is_file().then(|| mcap_note(source)).flatten();
+        let found = match &note {
+            Some(_) => SearchResult::default(),
+            None => session_search::sessions(source, Some(library.root())),
+        };
         for (folder, error) in &found.unreadable {
             let why = format!("looking for sessions: {error}: {}", folder.display());
             complain!("paws: {why}");
@@ -54,7 +59,9 @@ pub fn run_as(
             outcome = Outcome::Failed;
         }
         if found.sessions.is_empty() && found.unreadable.is_empty() {
-            let why = format!("no session here: {}", source.display());
+            let what = note.or_else(|| mcap_note(source));
+            let what = what.unwrap_or_else(|| source.display().to_string());
+            let why = format!("no session here: {what}");
             complain!("paws: {why}");
             if json {
                 documents::print(&not_imported(source, why), true, console)?;

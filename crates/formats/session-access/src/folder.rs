@@ -3,7 +3,10 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail, ensure};
+use session_archive::foreign::identify;
 use session_archive::layout;
+use session_archive::storage::{DiskStorage, Storage};
+use session_archive::writer::PROFILE;
 
 /// Folder of the sessions in a library.
 pub const SESSIONS: &str = "sessions";
@@ -55,6 +58,9 @@ impl SessionFolder {
                 listed: listed(&folder),
                 folder,
             }));
+        }
+        if let Some(note) = mcap_note(folder) {
+            bail!("no session here: {note}");
         }
         if folder.is_dir() {
             bail!("this folder holds no session: {text}");
@@ -109,6 +115,32 @@ pub fn is_session(folder: &Path) -> bool {
             }))
 }
 
+/// What the MCAP file at a path is, or the first one in that folder, and how it becomes a session;
+/// `None` if there is none. For paths that hold no session.
+pub fn mcap_note(path: &Path) -> Option<String> {
+    let is_mcap = |path: &PathBuf| path.extension().is_some_and(|e| e == "mcap");
+    let file = match path.is_dir() {
+        true => {
+            let entries = std::fs::read_dir(path).ok()?.flatten();
+            entries.map(|entry| entry.path()).filter(is_mcap).min()?
+        }
+        false => path.to_owned(),
+    };
+    let folder = match file.parent()? {
+        parent if parent.as_os_str().is_empty() => Path::new("."),
+        parent => parent,
+    };
+    let opened = DiskStorage::new(folder).open(file.file_name()?.to_str()?);
+    let found = identify(&*opened.ok()?).ok()??;
+    let remedy = match found.profile == PROFILE {
+        true => "a segment is read in its session's folder, below segments/",
+        false => {
+            "`pawsd record` makes a session of a ROS 2 bag, as a source of kind = \"bag\" (docs/reference/sources.md)"
+        }
+    };
+    Some(format!("{found}; {remedy}: {}", file.display()))
+}
+
 /// The library whose `sessions/` contains a folder.
 fn listed(folder: &Path) -> Option<(PathBuf, String)> {
     let key = folder.file_name()?.to_str()?;
@@ -117,4 +149,55 @@ fn listed(folder: &Path) -> Option<(PathBuf, String)> {
     // The catalogue may be missing; it is a cache.
     let is_library = root.join(CATALOGUE).is_file() || root.join(INCOMING).is_dir();
     (sessions.file_name()? == SESSIONS && is_library).then(|| (root.to_owned(), key.to_owned()))
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeMap;
+
+    use session_archive::mcap::{ChunkBuilder, SegmentEncoder};
+    use session_archive::record::{Event, Record};
+
+    use super::*;
+
+    #[test]
+    fn mcap_of_another_profile_is_named_with_its_content() {
+        let folder = tempfile::tempdir().unwrap();
+        let (mut encoder, mut bytes) = SegmentEncoder::start("ros2", "rosbag2 0.26");
+        let mut chunk = ChunkBuilder::default();
+        chunk.schema(1, &Event::SCHEMA);
+        chunk.channel(1, 1, "/imu/data", &BTreeMap::new());
+        chunk.message(1, 0, 1, 1, |_| {});
+        let chunk = chunk.finish();
+        encoder.chunk(&chunk).unwrap();
+        bytes.extend(chunk);
+        bytes.extend(encoder.finish());
+        let file = folder.path().join("walk_0.mcap");
+        std::fs::write(&file, &bytes).unwrap();
+        for path in [file.as_path(), folder.path()] {
+            let error = SessionFolder::at(path.to_str().unwrap())
+                .unwrap_err()
+                .to_string();
+            let expected = "an MCAP file of the profile \"ros2\", written by \"rosbag2 0.26\", 1 message, 1 channel: \
+                            \"/imu/data\" of \"paws.Event\"";
+            assert!(
+                error.contains(expected) && error.contains("kind = \"bag\""),
+                "{error}"
+            );
+        }
+
+        // In the place of a segment.
+        let session = folder.path().join("session");
+        std::fs::create_dir_all(session.join("segments")).unwrap();
+        std::fs::write(session.join("segments/000000.mcap"), &bytes).unwrap();
+        let error = format!("{:#}", crate::open(&session).err().unwrap());
+        assert!(error.contains("the profile \"ros2\""), "{error}");
+
+        // Cut off: it is what its header says.
+        std::fs::write(&file, &bytes[..bytes.len() - 3]).unwrap();
+        let note = mcap_note(&file).unwrap();
+        assert!(note.contains("without an intact summary"), "{note}");
+        std::fs::write(&file, b"text").unwrap();
+        assert_eq!(mcap_note(&file), None);
+    }
 }

@@ -13,6 +13,6 @@ mod folder;
 mod frame_tree;
 mod index;
 
-pub use folder::{CATALOGUE, INCOMING, SESSIONS, SessionFolder, is_session};
+pub use folder::{CATALOGUE, INCOMING, SESSIONS, SessionFolder, is_session, mcap_note};
 pub use frame_tree::Frames;
 pub use index::{build, open, read_or_build};
