@@ -4,7 +4,8 @@
 //! The resolution is selected by the image size: 2K, FHD, HD, VGA of the USB cameras and FHD1200,
 //! FHD, SVGA of the GMSL ones, whose FHD and SVGA are derived from FHD1200 if they are absent.
 //! Baseline and TY, TZ are in millimetres, (RX, CV, RZ) is a rotation vector in radians. Values
-//! that are absent and taken as zero, or derived, are noted.
+//! that are absent and taken as zero, or derived, are noted. The serial number is in the file's name
+//! alone; a written file has that of the factory file that the set was read from, or 0 and a note.
 //!
 //! Derived SVGA follows the maker's rule of halving all four intrinsics. Between pixel centres,
 //! exact 2x2 binning would move the principal point another quarter of a pixel, equally in both
@@ -180,6 +181,17 @@ fn resolutions(
         .collect())
 }
 
+/// The serial number of the factory file that a set was read from; `None` if there was none, or
+/// several of different cameras.
+fn serial_of(set: &CameraSet) -> Option<&str> {
+    let files = set.provenance.files.iter();
+    let mut serials = files.filter_map(|file| serial_in_name(file));
+    let first = serials.next()?;
+    serials
+        .all(|other| same_serial(other, first))
+        .then_some(first)
+}
+
 /// A factory file with the sections of one resolution, spelt as the maker's newer files are.
 fn write(set: &CameraSet) -> Result<FormatFiles, WriteError> {
     let stereo = &stereo(set, Format::ZedConf)?;
@@ -247,7 +259,14 @@ fn write(set: &CameraSet) -> Result<FormatFiles, WriteError> {
         number_text(rx),
         number_text(rz)
     ));
-    Ok(FormatFiles::file("SN0.conf", text))
+    let serial = serial_of(set);
+    let mut files = FormatFiles::file(&format!("SN{}.conf", serial.unwrap_or("0")), text);
+    if serial.is_none() {
+        files.notes.push(Note(
+            "the serial number of the camera is not known: its software looks for a file named SNnnnn.conf".to_owned(),
+        ));
+    }
+    Ok(files)
 }
 
 /// Source section of the intrinsics, and their conversion to the image size.

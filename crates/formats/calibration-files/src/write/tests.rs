@@ -567,6 +567,44 @@ fn file_of_another_camera_is_detected() {
     assert_eq!(zed_conf::serial_in_name(Path::new("SNx.conf")), None);
     assert!(zed_conf::expect_serial(Path::new("renamed.conf"), "1").is_ok());
 }
+
+#[test]
+fn factory_file_keeps_its_serial_number() {
+    let (mut set, folder) = (pair(LENSES[3]), tempfile::tempdir().unwrap());
+    let written = |set: &CameraSet, name: &str| {
+        let (paths, notes) =
+            write_cameras(set, Format::ZedConf, &folder.path().join(name)).unwrap();
+        let name = paths[0].file_name().unwrap().to_str().unwrap().to_owned();
+        (name, notes)
+    };
+    let (name, notes) = written(&set, "unknown");
+    assert_eq!(name, "SN0.conf");
+    assert!(
+        notes[0]
+            .0
+            .contains("serial number of the camera is not known"),
+        "{notes:?}"
+    );
+    for (folder, files, expected) in [
+        ("one", &["SN10028708.conf"][..], "SN10028708.conf"),
+        (
+            "rewritten",
+            &["a/chain.yaml", "b/SN10028708.conf"],
+            "SN10028708.conf",
+        ),
+        ("two", &["a/SN1.conf", "b/SN2.conf"], "SN0.conf"),
+    ] {
+        set.provenance.files = files.iter().map(PathBuf::from).collect();
+        assert_eq!(written(&set, folder).0, expected);
+    }
+    // Read and written again, as `paws calib convert --to zed` does.
+    set.provenance.files = vec![PathBuf::from("SN10028708.conf")];
+    write_cameras(&set, Format::ZedConf, &folder.path().join("again")).unwrap();
+    let path = folder.path().join("again/SN10028708.conf");
+    let (again, _) = read_cameras(&path, Some([1280, 720])).unwrap();
+    assert_eq!(written(&again, "third").0, "SN10028708.conf");
+}
+
 #[test]
 fn conversion_agrees_with_independent_fits() {
     // Basalt calibrated the same TUM-VI camera twice: a double sphere and an EUCM.
