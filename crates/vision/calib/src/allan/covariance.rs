@@ -39,6 +39,9 @@ const PAIRS: [(usize, usize); 10] = [
 const WEIGHTS: [f64; 3] = [1.0, -2.0, 1.0];
 /// Maximum factor for which sums over lags are exact; beyond it they are integrals.
 const EXACT: usize = 24;
+/// Distance of the centers of two differences, in sums of their factors, beyond which the
+/// covariance of flicker is expanded.
+const FAR: f64 = 4.0;
 /// Nodes and weights of Gauss–Legendre quadrature with five points on -1 to 1, exact up to degree
 /// 9: without flicker, the integrand is of degree 7 between the lags at which two ends of the
 /// differences meet.
@@ -186,19 +189,70 @@ fn of_differences(lag: f64, m1: f64, m2: f64) -> [f64; 4] {
 }
 
 /// The same without quantisation.
+///
+/// Where the differences do not overlap, the sum over the meets is zero for white noise and random
+/// walk, and small for flicker: there it cancels from terms as large as (lag / factor)³. Over a day
+/// and a half at 200 Hz these have lost every digit (a sum of 10¹⁸ terms for a result of 0), so
+/// the zeros are written and the tail of flicker is expanded.
 fn smooth_of_differences(lag: f64, m1: f64, m2: f64) -> [f64; 4] {
-    let mut r = [0.0; 4];
     // Lags in units of the longer factor keep the cubes small; t² ln|t| may be scaled so, because
     // two second differences remove what is quadratic.
     let unit = m1.max(m2);
+    let center = (lag - (m1 - m2)) / unit;
+    if center.abs() > FAR * (m1 + m2) / unit {
+        return [
+            0.0,
+            0.0,
+            flicker_tail(center, m1 / unit, m2 / unit) * unit.powi(2),
+            0.0,
+        ];
+    }
+    let overlaps = lag > -2.0 * m2 && lag < 2.0 * m1;
+    let mut r = [0.0; 4];
     for (k, meet) in meets(m1, m2).into_iter().enumerate() {
         let weight = WEIGHTS[k / 3] * WEIGHTS[k % 3];
         let t = ((lag - meet) / unit).abs();
         if t > 0.0 {
-            r[1] -= weight * t / 2.0;
             r[2] += weight * t * t * t.ln() / std::f64::consts::TAU;
-            r[3] += weight * t * t * t / 12.0;
+            if overlaps {
+                r[1] -= weight * t / 2.0;
+                r[3] += weight * t * t * t / 12.0;
+            }
         }
     }
     [0.0, r[1] * unit, r[2] * unit.powi(2), r[3] * unit.powi(3)]
+}
+
+/// Covariance of the differences of flicker `t` between their centers, far from each other: the
+/// second differences of t² ln|t| / 2π as a series of its derivatives (δ² = m² D² + m⁴ D⁴ / 12 +
+/// m⁶ D⁶ / 360), whose rest is 5e-5 of the first term at the nearest center.
+fn flicker_tail(t: f64, m1: f64, m2: f64) -> f64 {
+    let (a, b, t2) = (m1 * m1, m2 * m2, t * t);
+    let fourth = -2.0 / t2;
+    let sixth = -12.0 / t2.powi(2);
+    let eighth = -240.0 / t2.powi(3);
+    let sum = fourth + (a + b) / 12.0 * sixth + ((a * a + b * b) / 360.0 + a * b / 144.0) * eighth;
+    a * b * sum / std::f64::consts::TAU
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The tail of flicker joins the sum, and beyond the overlap the others are zero, however far.
+    #[test]
+    fn covariance_of_distant_differences_does_not_cancel() {
+        for (m1, m2) in [(30.0, 30.0), (7.0, 90.0), (1000.0, 40.0)] {
+            for side in [-1.0, 1.0] {
+                let center = side * FAR * (m1 + m2);
+                let at = |center: f64| smooth_of_differences(center + m1 - m2, m1, m2);
+                let (near, far) = (at(center * 0.999_999), at(center * 1.000_001));
+                assert!((near[2] / far[2] - 1.0).abs() < 1e-4, "{near:?} {far:?}");
+                assert_eq!((far[1], far[3]), (0.0, 0.0));
+                let farthest = at(side * 2e7);
+                let expected = -(m1 * m2 / 2e7).powi(2) / std::f64::consts::PI;
+                assert!((farthest[2] / expected - 1.0).abs() < 1e-3, "{farthest:?}");
+            }
+        }
+    }
 }

@@ -169,6 +169,7 @@ impl Fitter {
             taus: &taus,
             variances: &variances,
             from,
+            period_s: curve.period_s,
             price: (curve.runs.iter().sum::<usize>() as f64).ln(),
         };
         let sound = |job: &Job<'_>| job.best(&[0.0]).filter(|found| !job.is_misfit(found));
@@ -212,6 +213,7 @@ struct Job<'a> {
     taus: &'a [f64],
     variances: &'a [f64],
     from: usize,
+    period_s: f64,
     /// Penalty of quantization: the logarithm of the number of samples (Schwarz 1978).
     price: f64,
 }
@@ -241,15 +243,10 @@ impl Job<'_> {
     /// The best choice of terms, with one of these misfit fractions.
     fn best(&self, misfits: &[f64]) -> Option<Solution> {
         let mut best: Option<Solution> = None;
-        for subset in 0..8_usize {
-            let mut terms = vec![1];
-            terms.extend(
-                [0, 2, 3]
-                    .iter()
-                    .enumerate()
-                    .filter_map(|(bit, term)| (subset >> bit & 1 == 1).then_some(*term)),
-            );
-            terms.sort_unstable();
+        // Every choice of terms, white noise is not always seen either: under a large random walk
+        // the curve shows none of it.
+        for subset in 1..16_usize {
+            let terms: Vec<usize> = (0..4).filter(|term| subset >> term & 1 == 1).collect();
             for &misfit in misfits {
                 let Some(solution) = self.solve(&terms, misfit) else {
                     continue;
@@ -418,7 +415,8 @@ impl Job<'_> {
         let Some((_, sigma)) = self.with_all(term, &solution.powers, solution.misfit) else {
             return Value::Below(f64::INFINITY);
         };
-        if power > 0.0 && power >= self.config.min_significance_sigma * sigma {
+        let least = self.config.min_significance_sigma * sigma + self.sampled(term, solution);
+        if power > 0.0 && power >= least {
             let freedom = 2.0 * (power / sigma).powi(2);
             let at = |p: f64| (power * freedom / chi2::quantile(p, freedom)).sqrt();
             let (value, sigma) = (power.sqrt(), sigma / (2.0 * power.sqrt()));
@@ -432,6 +430,16 @@ impl Job<'_> {
             };
         }
         Value::Below(self.limit(term, solution).sqrt())
+    }
+
+    /// Power of a term that the samples of another one show. A random walk that is sampled, not
+    /// averaged over the period T, has the variance K² τ / 3 + K² T² / 6τ: that is no white noise,
+    /// and which of the two a sensor does is not known.
+    fn sampled(&self, term: usize, solution: &Solution) -> f64 {
+        match term {
+            1 => solution.powers[3] * self.period_s.powi(2) / 6.0,
+            _ => 0.0,
+        }
     }
 
     /// Estimate and standard deviation of a term in the model with bias instability and random
@@ -489,14 +497,15 @@ impl Job<'_> {
         let is_other = |t: &usize| *t != term && solution.powers[*t] > 0.0;
         let mut others: Vec<usize> = (0..4).filter(is_other).collect();
         for _ in 0..4 {
+            if others.is_empty() {
+                return;
+            }
             let step = self.step(&self.design(&others), &rest, powers, solution.misfit);
             let Some((found, ..)) = step else {
                 return;
             };
             for (k, &other) in others.iter().enumerate() {
-                // White noise is always present.
-                let least = if other == 1 { 0.1 * powers[1] } else { 0.0 };
-                powers[other] = found[k].max(least);
+                powers[other] = found[k].max(0.0);
             }
             others.retain(|&other| powers[other] > 0.0);
         }

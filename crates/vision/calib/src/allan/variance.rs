@@ -100,7 +100,7 @@ pub fn curve(rate: &[f64], runs: &[Range<usize>], period_s: f64) -> Curve {
 }
 
 /// Whole factors from 1 to `last`, as evenly spaced on a log scale as whole numbers allow.
-fn factors(last: usize) -> Vec<usize> {
+pub(super) fn factors(last: usize) -> Vec<usize> {
     let steps = (0..).map(|i| (f64::from(i) / POINTS_PER_OCTAVE).exp2().round() as usize);
     let mut factors: Vec<usize> = steps.take_while(|factor| *factor <= last).collect();
     factors.dedup();
