@@ -1,5 +1,6 @@
-//! Real recordings with a right eye whose nominal rotation is falsified, without truth of their own:
-//! what counts is that the estimate changes by the error, or that it is said not to be determined.
+//! Real recordings with a right eye whose nominal rotation is falsified, without truth of their
+//! own: what counts is that the estimate changes by the error, or that it is said not to be
+//! determined.
 
 use anyhow::Result;
 use cad_transforms::RigidTransform;

@@ -2,8 +2,8 @@
 //!
 //! Contract: the session is divided into equal parts with one burst each. Within its part, a burst
 //! is placed where the rotation rate changes most, but not so fast that images blur. The selection
-//! depends on the gyroscopes alone; without them, each burst is in the middle of its part. A session
-//! shorter than a burst is one burst.
+//! depends on the gyroscopes alone; without them, each burst is in the middle of its part. A
+//! session shorter than a burst is one burst.
 
 use super::config::BurstConfig;
 use super::gyro::Gyro;

@@ -153,8 +153,8 @@ config! {
         pub inlier_sigma: f64 = 3.0,
         /// Number of RANSAC samples of two features.
         pub ransac_samples: u64 = 80,
-        /// Maximum translation of a sample, baselines: 3 m of a walking person with a ZED Mini, 25 m
-        /// of a car with half a metre.
+        /// Maximum translation of a sample, baselines: 3 m of a walking person with a ZED Mini,
+        /// 25 m of a car with half a metre.
         pub max_translation_baselines: f64 = 48.0,
         /// Standard deviation of a tracked feature, px.
         pub corner_sigma_px: f64 = 0.2,

@@ -79,8 +79,8 @@ impl StereoPair {
     }
 
     /// Deviations from the nominal calibration: rotation `w`, rad; displacement `d`, m; focal
-    /// length (relative), `k1`, `p1`, `p2` of the right lens minus those of the left one, across and
-    /// along epipolar lines.
+    /// length (relative), `k1`, `p1`, `p2` of the right lens minus those of the left one, across
+    /// and along epipolar lines.
     pub(super) fn unknowns(&self) -> &SVector<f64, STEREO_PARAMETERS> {
         &self.unknowns
     }
