@@ -41,8 +41,8 @@ struct Walk {
 /// Runs the benchmark: `[--quick] [--walk DIR] [--out DIR]`.
 ///
 /// # Errors
-/// Bad arguments, no interpreter in `PAWS_RENDERER_PYTHON` or `PAWS_PYTHON`, or an I/O error. A poor
-/// result is a result.
+/// Bad arguments, no interpreter in `PAWS_RENDERER_PYTHON` or `PAWS_PYTHON`, or an I/O error. A
+/// poor result is a result.
 pub(crate) fn run(args: &[String]) -> Result<()> {
     let (mut quick, mut folder) = (false, PathBuf::from(WALK));
     let mut out = PathBuf::from("docs/benchmarks");

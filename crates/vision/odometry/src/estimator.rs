@@ -36,6 +36,8 @@ use crate::frontend::tracker::{Expected, Track, Tracker, transfer_pixel};
 
 mod camera_shift;
 mod cross_camera;
+#[doc(hidden)]
+pub mod feature_tracks;
 pub(crate) mod initialization;
 mod keyframes;
 mod outliers;

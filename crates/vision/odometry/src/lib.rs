@@ -102,8 +102,6 @@
 
 pub mod config;
 pub mod estimator;
-#[doc(hidden)]
-pub mod feature_tracks;
 pub mod input;
 pub mod keyframe;
 pub mod mapping;

@@ -10,13 +10,14 @@ use std::collections::{BTreeMap, BTreeSet};
 use cad_transforms::RigidTransform;
 use nalgebra::{DMatrix, Matrix6, Vector3};
 
+use super::keyframes::frame_to_marginalize;
 use crate::backend::covariance::{PoseCovariance, in_rig_frame};
 use crate::backend::marginalization::marginalize;
 use crate::backend::observation::{BearingObservation, Camera, CameraPose, transfer};
 use crate::backend::solver::{for_each_residual, linearize, optimize_window};
 use crate::backend::state::{GRAVITY, STATE_DIM, State};
 use crate::backend::window::{Frame, Landmark, MotionFactor, Prior, Window};
-use crate::config::Config;
+use crate::config::{Config, KeyframeConfig};
 use crate::inertial::imu_set::body_frame;
 use crate::inertial::propagation::ImuPropagator;
 use crate::rig::Rig;
@@ -28,6 +29,10 @@ const INITIAL_INVERSE_RANGE_PER_M: f64 = 0.2;
 const MAX_INVERSE_RANGE_SIGMA_PER_M: f64 = 0.1;
 /// Number of observations up to which an inverse range is computed again from the bearings.
 const NEW_LANDMARK_OBSERVATIONS: usize = 5;
+/// Observations from which a landmark continues when its host leaves: fewer do not keep its range.
+const MIN_CONTINUED_OBSERVATIONS: usize = 4;
+/// Minimum ratio of a landmark's range from its new host to that from its old one.
+const MIN_RANGE_RATIO: f64 = 1e-3;
 /// Number of solver iterations over all keyframes.
 const ADJUSTMENT_ITERATIONS: usize = 40;
 
@@ -122,7 +127,7 @@ pub fn estimate(
         let covariance = joint.state().fixed_view::<6, 6>(0, 0).into_owned();
         poses.push(pose(config, &newest, &covariance));
         while window.frames.len() > config.backend.window_size {
-            leave(&mut window);
+            marginalize_one(&mut window, &config.estimator.keyframes);
         }
     }
     all.frames.truncate(1);
@@ -291,40 +296,37 @@ fn remove_outliers(window: &mut Window) -> Vec<u64> {
     removed
 }
 
-/// Marginalizes the oldest frame. A landmark that it hosts and the newest frame observes continues
-/// with that frame as host, at the range it had.
-fn leave(window: &mut Window) {
-    let oldest = window.frames[0].number;
-    let newest = window.newest().number;
-    let camera = &window.cameras[0];
-    let (from, to) = (
-        CameraPose::new(&window.frames[0].state, 0.0),
-        CameraPose::new(&window.newest().state, 0.0),
-    );
-    let hosted = window.landmarks.iter().filter_map(|(id, landmark)| {
-        let (host, first) = &landmark.observations[0];
-        let last = landmark.observations.last().filter(|(n, _)| *n == newest)?;
-        let x = transfer(
-            &first.left.ray,
-            landmark.rho,
-            (camera, &from),
-            (camera, &to),
-        )
-        .x;
-        let rho = landmark.rho / x.norm().max(1e-3);
-        (*host == oldest && newest != oldest).then(|| {
-            (
-                *id,
-                Landmark {
-                    rho,
-                    observations: vec![*last],
-                },
-            )
-        })
-    });
-    let hosted: Vec<_> = hosted.collect();
-    marginalize(window, 0);
-    window.landmarks.extend(hosted);
+/// Marginalizes a frame, as keyframes are: the oldest, or at rest the second newest. A landmark that
+/// it hosts and that enough later frames observe continues with the next of them as host: without
+/// stereo its range would have to be found again. Only its first bearing is lost.
+fn marginalize_one(window: &mut Window, config: &KeyframeConfig) {
+    let leaving = frame_to_marginalize(config, window);
+    let number = window.frames[leaving].number;
+    let ids: Vec<u64> = window.landmarks.keys().copied().collect();
+    for id in ids {
+        let landmark = &window.landmarks[&id];
+        let hosts = landmark.observations[0].0 == number;
+        if !hosts || landmark.observations.len() < MIN_CONTINUED_OBSERVATIONS {
+            continue;
+        }
+        let to = landmark.observations[1].0;
+        let pose = |number: u64| {
+            let frame = window.position(number)?;
+            Some(CameraPose::new(&window.frames[frame].state, 0.0))
+        };
+        let (Some(from), Some(to)) = (pose(number), pose(to)) else {
+            continue;
+        };
+        let camera = &window.cameras[0];
+        let ray = landmark.observations[0].1.left.ray;
+        let point = transfer(&ray, landmark.rho, (camera, &from), (camera, &to));
+        let rho = landmark.rho / point.x.norm().max(MIN_RANGE_RATIO);
+        if let Some(landmark) = window.landmarks.get_mut(&id) {
+            landmark.rho = rho;
+            landmark.observations.remove(0);
+        }
+    }
+    marginalize(window, leaving);
 }
 
 #[cfg(test)]
