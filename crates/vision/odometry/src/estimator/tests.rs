@@ -40,8 +40,13 @@ fn view(pixels: &[u8]) -> ImageView<'_> {
 
 /// Tracks a wall at rest.
 fn at_rest(odometry: &mut Odometry, from: u64, to: u64) -> Vec<Estimate> {
+    in_front_of(odometry, 0, from, to)
+}
+
+/// The same in front of another part of the wall, `offset` px aside.
+fn in_front_of(odometry: &mut Odometry, offset: usize, from: u64, to: u64) -> Vec<Estimate> {
     let sets = (from..to).map(|k| {
-        let [left, right] = [0, DISPARITY].map(|shift| image(shift, 2 * k + shift as u64));
+        let [left, right] = [0, DISPARITY].map(|shift| image(offset + shift, 2 * k + shift as u64));
         let time_ns = k as i64 * 66_666_667;
         odometry.add_frames(&FrameSet {
             time_ns,
@@ -115,4 +120,19 @@ fn rate_is_dropped_when_the_imu_falls_silent() {
     at_rest(&mut odometry, 9, 14);
     let rate = odometry.rate().norm();
     assert!(rate < 0.05, "{rate}");
+}
+
+#[test]
+fn uncertainty_of_a_loss_without_imu_remains() {
+    let mut odometry = Odometry::new(&rig(false), Config::preset(Preset::Balanced));
+    at_rest(&mut odometry, 0, 20);
+    // Nothing of the previous images, for one frame set interval only.
+    let after = in_front_of(&mut odometry, 1000, 20, 60);
+    assert_eq!(after[0].status, Status::Lost);
+    let sigma = |of: &Estimate| of.covariance[(5, 5)].sqrt();
+    assert!(sigma(&after[0]) > 0.3, "{}", sigma(&after[0]));
+    for (k, estimate) in after.iter().enumerate().skip(1) {
+        assert_eq!(estimate.status, Status::Tracked, "{k}");
+        assert!(sigma(estimate) > 0.95 * sigma(&after[0]), "{k}");
+    }
 }

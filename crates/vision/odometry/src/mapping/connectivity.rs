@@ -1,9 +1,9 @@
 //! Connectivity of poses with the first pose.
 //!
 //! At a tracking loss the trajectory breaks: the translation and rotation meanwhile are unknown,
-//! and later observations do not determine them. Keyframes on both sides are still optimized by
-//! their own observations, but no factor models the error of the step between them. Only a loop
-//! closure connects them.
+//! and later observations do not determine them. Keyframes on both sides are optimized by their own
+//! observations; between them there is a constant-velocity factor, as wide as the covariance of the
+//! causal pose. Only a loop closure connects them.
 
 use super::Refined;
 
@@ -14,8 +14,8 @@ pub enum Connectivity {
     Continuous,
     /// Through loop closures, possibly through other spans.
     LoopClosed,
-    /// Only by a guess: the pose was lost, or it came after a tracking loss. Its covariance from
-    /// bundle adjustment is too small; that of the causal pose holds.
+    /// Only by a guess: the pose was lost, or it came after a tracking loss. Its covariance is that
+    /// of the causal pose, which also holds where gravity was initialized again.
     Unconstrained,
 }
 
