@@ -16,6 +16,11 @@ config! {
         pub max_misfit_probability: f64 = 1e-4,
         /// Misfit fractions that are tried.
         pub misfits: [f64; 12] = [0.005, 0.01, 0.02, 0.03, 0.05, 0.07, 0.1, 0.15, 0.2, 0.3, 0.5, 0.8],
+        /// Deviation of the curve from the model, as a fraction and root mean square where a term
+        /// matters, up to which the term is called determined. Higher calls known what the curve
+        /// does not show: a ramp of the rate is 0.5 or more off a random walk. Real curves of 36
+        /// hours are up to 0.15 off.
+        pub max_known_misfit: f64 = 0.3,
         /// Minimum significance of a determined power, in standard deviations. Lower states values
         /// that are noise.
         pub min_significance_sigma: f64 = 3.0,

@@ -416,7 +416,7 @@ impl Job<'_> {
             return Value::Below(f64::INFINITY);
         };
         let least = self.config.min_significance_sigma * sigma + self.sampled(term, solution);
-        if power > 0.0 && power >= least {
+        if power > 0.0 && power >= least && self.follows(term, solution) {
             let freedom = 2.0 * (power / sigma).powi(2);
             let at = |p: f64| (power * freedom / chi2::quantile(p, freedom)).sqrt();
             let (value, sigma) = (power.sqrt(), sigma / (2.0 * power.sqrt()));
@@ -430,6 +430,29 @@ impl Job<'_> {
             };
         }
         Value::Below(self.limit(term, solution).sqrt())
+    }
+
+    /// Whether the curve has the slope of a term where the term matters, that is where its part of
+    /// the model is at least half of its largest. A curve that follows the model does, and one that
+    /// does not may lend its size to any term.
+    fn follows(&self, term: usize, solution: &Solution) -> bool {
+        if solution.misfit == 0.0 {
+            return true;
+        }
+        let points = self.taus.iter().zip(self.variances).skip(self.from);
+        let points: Vec<(f64, f64)> = points
+            .map(|(&tau_s, &variance)| {
+                let model = model(&solution.powers, tau_s);
+                let part = solution.powers[term] * Coefficient::ALL[term].variance(tau_s);
+                (part / model, (variance / model).sqrt() - 1.0)
+            })
+            .collect();
+        let largest = points.iter().map(|(share, _)| *share).fold(0.0, f64::max);
+        let there = points.iter().filter(|(share, _)| *share >= 0.5 * largest);
+        let (sum, count) = there.fold((0.0, 0.0), |(sum, count), (_, off)| {
+            (sum + off * off, count + 1.0)
+        });
+        sum <= count * self.config.max_known_misfit.powi(2)
     }
 
     /// Power of a term that the samples of another one show. A random walk that is sampled, not

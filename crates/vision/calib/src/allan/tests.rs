@@ -416,6 +416,19 @@ fn pure_process_has_one_known_coefficient_however_long_the_recording() {
     }
 }
 
+/// A steady change of the rate is none of the four: nothing is called known, and the curve is
+/// reported as off the model. A random walk fits it best, and is not seen.
+#[test]
+fn pure_ramp_has_no_known_coefficient() {
+    let curve = mean_curve(3.0, 200.0, [0.0; 3], 1e-6);
+    let fit = fit(&curve, &FitConfig::default()).expect("a fit");
+    for coefficient in Coefficient::ALL {
+        let value = fit.value(coefficient);
+        assert_eq!(value.known(), None, "{coefficient:?} {value:?}");
+    }
+    assert!(fit.misfit > 0.0);
+}
+
 #[test]
 fn constant_signal_has_no_fit() {
     assert_eq!(
