@@ -16,20 +16,21 @@ use std::collections::{BTreeMap, VecDeque};
 use std::io;
 use std::sync::Arc;
 
-use bytes::Bytes;
-
 use crate::foreign::{McapFile, identify};
 use crate::impossible::impossible;
 use crate::layout;
 use crate::manifest::{
     Manifest, ManifestError, SegmentEntry, SegmentState, State, Stream, is_state,
 };
-use crate::mcap::{self, CHUNK_PREFIX, Record as McapRecord};
+use crate::mcap::{CHUNK_PREFIX, Record as McapRecord};
 use crate::record::{Protobuf, Record, Segment};
 use crate::roles::Roles;
 use crate::scan::{Damage, DamageKind, End, Item, Scan, VerifiedChunk};
 use crate::storage::{ReadAt, Storage};
-use crate::time::HostTime;
+
+mod message;
+
+pub use message::Message;
 
 /// Maximum number of consecutive missing segments: a file with a number farther beyond the others
 /// does not belong to the session. A segment lasts a minute, so this is most of a day.
@@ -66,52 +67,6 @@ pub enum ReadError {
         #[source]
         error: io::Error,
     },
-}
-
-/// One message of a session.
-#[derive(Clone, Debug)]
-pub struct Message {
-    /// Segment that it is in.
-    pub segment: u32,
-    /// Where its chunk starts in the segment's file.
-    pub chunk_offset: u64,
-    /// Where its payload starts within the chunk's records.
-    pub payload_offset: u32,
-    /// Channel.
-    pub stream: u16,
-    /// Sequence number within the channel; the low 32 bits of the frame number for video.
-    pub sequence: u32,
-    /// Log time.
-    pub time: HostTime,
-    /// Publish time.
-    pub published: HostTime,
-    /// The protobuf message.
-    pub data: Bytes,
-}
-
-impl Message {
-    /// A message in the records of a chunk.
-    pub(crate) fn of_chunk(segment: u32, chunk: &VerifiedChunk, m: &mcap::Message<'_>) -> Self {
-        let payload_offset = m.data.as_ptr() as usize - chunk.records.as_ptr() as usize;
-        Self {
-            segment,
-            chunk_offset: chunk.offset,
-            payload_offset: payload_offset as u32,
-            stream: m.channel_id,
-            sequence: m.sequence,
-            time: HostTime(m.log_time as i64),
-            published: HostTime(m.publish_time as i64),
-            data: chunk.records.slice_ref(m.data),
-        }
-    }
-
-    /// The payload as a message of type `R`.
-    ///
-    /// # Errors
-    /// The bytes are no such message.
-    pub fn decode<R: Record>(&self) -> Result<R, prost::DecodeError> {
-        R::decode(self.data.clone())
-    }
 }
 
 /// An item found while reading a session.
