@@ -43,8 +43,7 @@ pub enum ReadError {
     #[error("no session here: neither {manifest} nor {dir}/ with a readable segment",
         manifest = layout::MANIFEST, dir = layout::SEGMENTS)]
     NoSession,
-    /// The folder has a segment's name on an MCAP file of another profile: it can be converted, not
-    /// opened. A ROS 2 bag is recorded again as a session by `pawsd`, as a source of kind `bag`.
+    /// In the place of a segment is an MCAP file of another profile: convert it.
     #[error(
         "no session here: {path} is {file}; expected the profile {profile:?}; `pawsd record` makes a session of a ROS 2 \
          bag, as a source of kind = \"bag\"", profile = crate::writer::PROFILE
