@@ -155,8 +155,7 @@ fn imu_notes<'a>(uses: &'a [ImuUse], model: &'a RigModel) -> impl Iterator<Item 
         match k {
             0 => format!("IMU {name} is used at the start, at {time_ns} ns"),
             _ => format!(
-                "IMU {name} is used from {time_ns} ns on: the one before had no samples, or was \
-                 saturated"
+                "IMU {name} is used from {time_ns} ns on: the one before had no more samples"
             ),
         }
     })

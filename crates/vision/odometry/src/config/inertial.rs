@@ -18,6 +18,9 @@ config! {
         /// samples are interpolated. Higher integrates over a peak of the gait that was not
         /// measured.
         pub max_interval_ratio: f64 = 4.5,
+        /// Silence after which another IMU takes over, ns. Shorter gaps are bridged by images and
+        /// constant velocity: a change loses the biases, which take seconds to determine.
+        pub takeover_delay_ns: i64 = 200_000_000,
         /// Saturation of the sensor.
         pub saturation: SaturationConfig = SaturationConfig::default(),
     }

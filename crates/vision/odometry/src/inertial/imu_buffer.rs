@@ -175,6 +175,13 @@ impl ImuBuffer {
         (end > 0).then_some(since)
     }
 
+    /// Time since the last sample up to a time, ns; `None` without one.
+    pub(crate) fn silence_ns(&self, time_ns: i64) -> Option<i64> {
+        let end = self.readings.partition_point(|r| r.time_ns <= time_ns);
+        end.checked_sub(1)
+            .map(|last| time_ns - self.readings[last].time_ns)
+    }
+
     /// Time of the newest sample, ns.
     pub(crate) fn last_ns(&self) -> Option<i64> {
         self.readings.back().map(|r| r.time_ns)

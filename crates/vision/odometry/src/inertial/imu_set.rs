@@ -1,9 +1,10 @@
 //! The IMUs of a rig, of which one is used at a time.
 //!
-//! Contract: the first IMU of the rig is used until its samples are missing for an interval that
-//! another IMU covers; that one is used until it has a gap itself. There is no way back by itself:
-//! with every change the biases are those of another sensor, and begin with the uncertainty that
-//! they had before any measurement. States keep the body frame of the first IMU, see
+//! Contract: the first IMU of the rig is used until it is silent
+//! ([`takeover_delay_ns`](crate::config::InertialConfig)) and another one has samples for the whole
+//! interval from the last keyframe on; that one is used until it is silent itself. There is no way
+//! back by itself: with every change the biases are those of another sensor, and begin with the
+//! uncertainty that they had before any measurement. States keep the body frame of the first IMU, see
 //! [`ImuPropagator`].
 
 use cad_transforms::RigidTransform;
@@ -45,6 +46,7 @@ pub(crate) struct ImuSet {
     imus: Vec<ImuPropagator>,
     /// Sigmas of the biases of an IMU before any measurement.
     bias_sigma: [f64; 2],
+    takeover_delay_ns: i64,
     uses: Vec<ImuUse>,
 }
 
@@ -64,6 +66,7 @@ impl ImuSet {
         Some(Self {
             imus: rig.imus.iter().enumerate().map(propagator).collect(),
             bias_sigma: config.estimator.initialization.bias_sigma,
+            takeover_delay_ns: config.inertial.takeover_delay_ns,
             uses: Vec::new(),
         })
     }
@@ -106,18 +109,14 @@ impl ImuSet {
         used.map_or(0, |used| used.imu)
     }
 
-    /// Lets another IMU take over if the samples of the one in use are missing in an interval.
+    /// Lets another IMU take over if the one in use is silent at the end of an interval.
     fn select(&mut self, from_ns: i64, to_ns: i64) {
-        let current = self.imu_of(i64::MAX);
-        let coverage = |imu: &ImuPropagator| imu.between(from_ns, to_ns).1;
-        if coverage(&self.imus[current]) != Coverage::Gap {
+        let silence_ns = self.current().samples.silence_ns(to_ns);
+        if silence_ns.is_some_and(|silence_ns| silence_ns < self.takeover_delay_ns) {
             return;
         }
-        let other = self
-            .imus
-            .iter()
-            .position(|imu| coverage(imu) == Coverage::Complete);
-        if let Some(imu) = other {
+        let is_complete = |imu: &ImuPropagator| imu.between(from_ns, to_ns).1 == Coverage::Complete;
+        if let Some(imu) = self.imus.iter().position(is_complete) {
             self.uses.push(ImuUse {
                 time_ns: to_ns,
                 imu,
