@@ -19,6 +19,7 @@ use thiserror::Error;
 
 use crate::native::NVMM;
 use crate::pipeline::{self, InitError, News, Running, lock};
+use crate::raw_image::coded_size;
 use crate::{NativeFormat, NativeFrame, PixelFormat, RawImageError};
 
 /// How small, how often, how good.
@@ -98,6 +99,12 @@ impl Preview {
     ) -> Result<Preview, PreviewError> {
         PixelFormat::I420.bytes(settings.width, settings.height)?;
         let refuse = |reason| Err(PreviewError::Settings(reason));
+        let (width, height) = (settings.width, settings.height);
+        if coded_size(width, height) != (width, height) {
+            return refuse(format!(
+                "{width}x{height}, expected an even width and height"
+            ));
+        }
         if !(settings.rate_hz > 0.0 && settings.rate_hz <= 1000.0) {
             return refuse(format!("rate {} Hz, expected 0 to 1000", settings.rate_hz));
         }

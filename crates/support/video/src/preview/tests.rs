@@ -123,7 +123,7 @@ fn refusals() {
     let width = 3;
     assert!(matches!(
         refused(PreviewSettings { width, ..SETTINGS }),
-        PreviewError::Size(_)
+        PreviewError::Settings(_)
     ));
     // Without a Jetson's converter there is no way out of its memory.
     let caps: gst::Caps = "video/x-raw(memory:NVMM),format=NV12,width=64,height=32"
