@@ -4,8 +4,8 @@
 //! ([`takeover_delay_ns`](crate::config::InertialConfig)) and another one has samples for the whole
 //! interval from the last keyframe on; that one is used until it is silent itself. There is no way
 //! back by itself: with every change the biases are those of another sensor, and begin with the
-//! uncertainty that they had before any measurement. States keep the body frame of the first IMU, see
-//! [`ImuPropagator`].
+//! uncertainty that they had before any measurement. States keep the body frame of the first IMU,
+//! see [`ImuPropagator`].
 
 use cad_transforms::RigidTransform;
 use camera_models::ImuSample;
