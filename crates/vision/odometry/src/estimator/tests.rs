@@ -40,13 +40,14 @@ fn view(pixels: &[u8]) -> ImageView<'_> {
 
 /// Tracks a wall at rest.
 fn at_rest(odometry: &mut Odometry, from: u64, to: u64) -> Vec<Estimate> {
-    in_front_of(odometry, 0, from, to)
+    facing(odometry, |gray| gray, from, to)
 }
 
-/// The same in front of another part of the wall, `offset` px aside.
-fn in_front_of(odometry: &mut Odometry, offset: usize, from: u64, to: u64) -> Vec<Estimate> {
+/// The same with other gray levels.
+fn facing(odometry: &mut Odometry, gray: fn(u8) -> u8, from: u64, to: u64) -> Vec<Estimate> {
     let sets = (from..to).map(|k| {
-        let [left, right] = [0, DISPARITY].map(|shift| image(offset + shift, 2 * k + shift as u64));
+        let pixels = |shift: usize| image(shift, 2 * k + shift as u64).into_iter().map(gray);
+        let [left, right] = [0, DISPARITY].map(|shift| pixels(shift).collect::<Vec<u8>>());
         let time_ns = k as i64 * 66_666_667;
         odometry.add_frames(&FrameSet {
             time_ns,
@@ -126,8 +127,8 @@ fn rate_is_dropped_when_the_imu_falls_silent() {
 fn uncertainty_of_a_loss_without_imu_remains() {
     let mut odometry = Odometry::new(&rig(false), Config::preset(Preset::Balanced));
     at_rest(&mut odometry, 0, 20);
-    // Nothing of the previous images, for one frame set interval only.
-    let after = in_front_of(&mut odometry, 1000, 20, 60);
+    // The negative of the wall: no patch of it resembles those before.
+    let after = facing(&mut odometry, |gray| 255 - gray, 20, 60);
     assert_eq!(after[0].status, Status::Lost);
     let sigma = |of: &Estimate| of.covariance[(5, 5)].sqrt();
     assert!(sigma(&after[0]) > 0.3, "{}", sigma(&after[0]));
