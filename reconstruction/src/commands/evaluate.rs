@@ -31,8 +31,8 @@ pub(crate) struct Arguments {
     /// Covered part of the ground truth's time below which a run counts as lost, percent.
     #[arg(long, value_name = "PERCENT", default_value_t = 95.0, value_parser = positive)]
     least_completion: f64,
-    /// Lengths of the segments over which drift (RPE) is measured: true path length (10m), time (5s)
-    /// or compared poses (1f). evo_rpe takes 1f with --consecutive by default.
+    /// Lengths of the segments over which drift (RPE) is measured: true path length (10m), time
+    /// (5s) or compared poses (1f). evo_rpe takes 1f with --consecutive by default.
     #[arg(long, value_name = "LENGTH", value_delimiter = ',', default_value = "10m,5s", value_parser = delta)]
     over: Vec<Delta>,
     /// Measure drift over consecutive segments, not from every pose: the pairs of evo_rpe without

@@ -4,7 +4,7 @@
 //! distinguished by their first line of numbers, a scene bundle by being a folder or a
 //! `scene.json`. KITTI poses take their times from a `times.txt` in the same folder; without one
 //! they are numbered, at 10 Hz. Numbered poses are compared with numbered ones and, by number, with
-//! a KITTI file that has times and as many poses ([`comparable`]).
+//! a KITTI file that has times and the same number of poses ([`comparable`]).
 
 use std::path::{Path, PathBuf};
 
@@ -166,8 +166,8 @@ pub fn load(path: &Path, output: Option<&str>) -> Result<LoadedTrajectory, FileE
 }
 
 /// The poses of an estimate and of the ground truth that are compared: by time if both have times,
-/// or neither; by number if one of two KITTI files has none and they have as many poses. `path` is
-/// that of the estimate.
+/// or neither; by number if one of two KITTI files has none and their numbers of poses are the
+/// same. `path` is that of the estimate.
 ///
 /// # Errors
 /// [`FileError::Numbered`], [`FileError::Timed`], [`FileError::Lengths`].

@@ -4,8 +4,8 @@
 //! The resolution is selected by the image size: 2K, FHD, HD, VGA of the USB cameras and FHD1200,
 //! FHD, SVGA of the GMSL ones, whose FHD and SVGA are derived from FHD1200 if they are absent.
 //! Baseline and TY, TZ are in millimetres, (RX, CV, RZ) is a rotation vector in radians. Values
-//! that are absent and taken as zero, or derived, are noted. The serial number is in the file's name
-//! alone; a written file has that of the factory file that the set was read from, or 0 and a note.
+//! that are absent and taken as zero, or derived, are noted. The serial number is in the name of
+//! the file alone; a written file has that of the factory file that the set was read from, or 0 and a note.
 //!
 //! Derived SVGA follows the maker's rule of halving all four intrinsics. Between pixel centres,
 //! exact 2x2 binning would move the principal point another quarter of a pixel, equally in both

@@ -5,9 +5,9 @@
 //!
 //! * on a channel that the manifest does not have: 0, or a number beyond its streams;
 //! * with a log time before zero, that is from 2^63 on;
-//! * whose log time is not the time in the message itself: of a frame record, of an access unit (its
-//!   timestamp, and the time of its frame record); of an IMU batch (first sample) and of a frame set
-//!   more than a minute away, which is the length of a segment.
+//! * whose log time is not the time in the message itself: of a frame record, of an access unit
+//!   (its timestamp, and the time of its frame record); of an IMU batch (first sample) and of a
+//!   frame set more than a minute away, which is the length of a segment.
 //!
 //! A frame record and its access unit are one frame: both are left out. Events, gaps, health and
 //! state have no time of their own, and a recording may pause for any time, so any other log time

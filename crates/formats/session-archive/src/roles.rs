@@ -51,8 +51,8 @@ impl Roles {
 impl Role {
     /// Whether this log time, ns, can be that of a message with this payload: not negative, and by
     /// the time in the message itself, where it has one and can be decoded. That of a frame record
-    /// and of an access unit is the log time, because the writer takes one for the other. Whoever
-    /// records batches and frame sets gives both times, which are within a segment of each other.
+    /// and of an access unit is the log time, because the writer takes one for the other. The
+    /// recorder gives both times of batches and frame sets, which are within a segment of each other.
     pub(crate) fn is_possible(self, log_time: u64, data: Bytes) -> bool {
         let Ok(log) = i64::try_from(log_time) else {
             return false;

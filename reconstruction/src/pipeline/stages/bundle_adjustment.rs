@@ -4,8 +4,9 @@
 //! of odometry, except that poses tracked after a loss are *relocalised* if a loop closure with a
 //! place from before the loss connects them to the rest. Unconnected poses keep the covariance of
 //! their causal pose. Camera extrinsics are refined; a camera far from its nominal pose was moved,
-//! which is reported. A stereo calibration that the walk contradicts is reported and replaced. If the adjustment does not converge, which is reported too, all poses keep
-//! their causal covariance and cameras their nominal extrinsics. Images are not read again.
+//! which is reported. A stereo calibration that the walk contradicts is reported and replaced. If
+//! the adjustment does not converge, which is reported too, all poses keep their causal covariance
+//! and cameras their nominal extrinsics. Images are not read again.
 
 use ::odometry::mapping::{Connectivity, OdomPose, Progress, RefinedStereo, interpolate_poses};
 use ::odometry::{ImuSample, Mapping, Refined};
@@ -155,8 +156,8 @@ fn stereo_error(camera: &RigCamera, stereo: &RefinedStereo) -> String {
     )
 }
 
-/// Every pose of the causal trajectory, as refined by the bundle adjustment. `odom` are the poses of
-/// the same frame sets in the odom frame.
+/// Every pose of the causal trajectory, as refined by the bundle adjustment. `odom` are the poses
+/// of the same frame sets in the odom frame.
 fn refined_poses(causal: &Trajectory, odom: &Trajectory, adjusted: &Refined) -> Vec<Pose> {
     let odom: Vec<OdomPose> = odom.poses().iter().map(odom_pose).collect();
     let lost: Vec<(i64, bool)> = (causal.poses().iter())

@@ -145,13 +145,13 @@ fn frame(set: &OwnedFrameSet, truth: Vec<f32>, geometry: Geometry) -> Result<Fra
             let at = x as f32 - row[x];
             (at >= -0.5).then(|| at.round() as usize)
         };
-        for x in 0..view.width {
+        for (x, disparity) in row.iter().enumerate() {
             if let Some(at) = column(x) {
-                nearest[at] = nearest[at].max(row[x]);
+                nearest[at] = nearest[at].max(*disparity);
             }
         }
-        for x in 0..view.width {
-            visible[x] = column(x).is_some_and(|at| row[x] >= nearest[at] - HIDING_PX);
+        for (x, visible) in visible.iter_mut().enumerate() {
+            *visible = column(x).is_some_and(|at| row[x] >= nearest[at] - HIDING_PX);
         }
     }
     Ok(Frame {

@@ -116,7 +116,7 @@ config! {
         pub centre_sigma_ratio: f64 = 5e-3,
         /// Prior sigma of the difference between the lenses: focal length (relative), `k1`, `p1`,
         /// `p2`. Rows alone determine yaw to twice that. Lower takes a lens for a yaw. Source: the
-        /// rectified pictures of `KITTI_sequence_1`, whose rows differ by a `p2` of 5e-3.
+        /// rectified images of `KITTI_sequence_1`, whose rows differ by a `p2` of 5e-3.
         pub lens_sigma: f64 = 3e-3,
         /// Columns and rows of the image regions within which errors may be correlated.
         pub regions: [usize; 2] = [6, 4],

@@ -146,8 +146,8 @@ pub(crate) fn tilt_uncertainty(
         * (config.initial_tilt_sigma_rad * config.initial_tilt_sigma_rad)
 }
 
-/// Inflates the covariance of a pose and converts it from errors of the body (position in the world,
-/// rotation in the body) to a small motion of the rig in its own axes.
+/// Inflates the covariance of a pose and converts it from errors of the body (position in the
+/// world, rotation in the body) to a small motion of the rig in its own axes.
 pub(crate) fn in_rig_frame(
     config: &CovarianceConfig,
     state: &State,

@@ -296,9 +296,9 @@ fn remove_outliers(window: &mut Window) -> Vec<u64> {
     removed
 }
 
-/// Marginalizes a frame, as keyframes are: the oldest, or at rest the second newest. A landmark that
-/// it hosts and that enough later frames observe continues with the next of them as host: without
-/// stereo its range would have to be found again. Only its first bearing is lost.
+/// Marginalizes a frame, as keyframes are: the oldest, or at rest the second newest. A landmark
+/// that it hosts and that enough later frames observe continues with the next of them as host:
+/// without stereo its range would have to be found again. Only its first bearing is lost.
 fn marginalize_one(window: &mut Window, config: &KeyframeConfig) {
     let leaving = frame_to_marginalize(config, window);
     let number = window.frames[leaving].number;

@@ -6,10 +6,10 @@
 //! itself: factors that were linearized at different headings, of which each determines relative
 //! poses only, seem to determine the heading together (Huang et al., Observability-based rules for
 //! designing consistent EKF SLAM estimators, IJRR 2010). The first frame with enough landmarks and,
-//! unless the IMU is silent, a long enough run of samples therefore starts a new window: the vertical
-//! comes from gravity as in the first window, position and heading from the best guess. Their
-//! uncertainty remains outside the window ([`ResetUncertainty`]) and is added to the covariances of
-//! the window.
+//! unless the IMU is silent, a long enough run of samples therefore starts a new window: the
+//! vertical comes from gravity as in the first window, position and heading from the best guess.
+//! Their uncertainty remains outside the window ([`ResetUncertainty`]) and is added to the
+//! covariances of the window.
 
 use nalgebra::{Matrix3, Matrix6, Quaternion, UnitQuaternion, Vector3};
 

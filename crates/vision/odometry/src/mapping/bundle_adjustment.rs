@@ -417,7 +417,7 @@ pub(super) fn covariances(
     let step = count.div_ceil(config.mapping.max_covariances).max(1);
     let mut entries: Vec<usize> = (0..count).step_by(step).collect();
     entries.push(count - 1);
-    // At a tracking loss covariances change at once.
+    // At a tracking loss covariances change suddenly.
     entries.extend(tracking_losses(window).flat_map(|k| [k - 1, k]));
     entries.sort_unstable();
     entries.dedup();

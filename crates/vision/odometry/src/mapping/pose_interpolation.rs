@@ -44,9 +44,9 @@ pub struct InterpolatedPose {
 /// Poses of all frame sets by those of refined keyframes: each is interpolated between the poses
 /// that the two neighboring keyframes and the motion in the odom frame give. Its covariance is that
 /// of the mixture of the two, which includes their difference, and that of the motion. `odom` are
-/// all frame sets, `refined` keyframes, both ascending. Before the first and after the last keyframe
-/// a pose is fixed relative to the nearest one. Keyframes without a frame set are ignored; without
-/// keyframes poses are those in the odom frame.
+/// all frame sets, `refined` keyframes, both ascending. Before the first and after the last
+/// keyframe a pose is fixed relative to the nearest one. Keyframes without a frame set are ignored;
+/// without keyframes poses are those in the odom frame.
 ///
 /// ```
 /// use cad_transforms::RigidTransform;
