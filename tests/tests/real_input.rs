@@ -155,14 +155,10 @@ fn through_the_collector(session: &Path, library: &Path) -> PathBuf {
     let said = String::from_utf8(said).expect("text");
     println!("{said}");
     assert_eq!([validated, indexed, handed], [Outcome::Fine; 3], "{said}");
-    // The rows of the street's rectified pairs differ in the corners by up to 1.6 px, as if the
-    // right eye were rotated by 0.6 degrees: any matcher finds this in the images, and it is the
-    // only expected warning.
+    // The rows of the street's rectified pairs differ in the corners by up to 1.6 px, as its lenses
+    // do, and not as a rotation of the right eye would.
     let warnings: Vec<&str> = said.lines().filter(|l| l.starts_with("  WARN")).collect();
-    assert!(
-        matches!(warnings[..], [one] if one.contains("left_shoulder: stereo rotation")),
-        "{warnings:#?}"
-    );
+    assert!(warnings.is_empty(), "{warnings:#?}");
     targets[0].folder.clone()
 }
 
