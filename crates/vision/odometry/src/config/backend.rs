@@ -14,9 +14,9 @@ config! {
         pub optimize_every_frame: bool = false,
         /// Number of initial frame sets for which it always is.
         pub initial_frames: u64 = 12,
-        /// Tilt sigma of the solver above which it always is, rad: until a walk changes its heading, gravity
-        /// does not separate tilt and accelerometer bias, and states with a wrong tilt would leave the
-        /// window.
+        /// Tilt sigma of the solver above which it always is, rad. Until a walk changes its
+        /// heading, gravity does not separate tilt and accelerometer bias, and states with a wrong
+        /// tilt would leave the window.
         pub settled_tilt_sigma_rad: f64 = 2e-3,
         /// Relative cost reduction per iteration at which the solver stops.
         pub convergence_ratio: f64 = 1e-3,
