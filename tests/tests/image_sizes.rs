@@ -171,7 +171,7 @@ fn calibration_of_another_size_is_refused_before_recording() {
             fs::remove_dir_all(&out).expect("the recording");
             continue;
         }
-        let error = format!("{:#}", result.err().expect("another size"));
+        let error = format!("{:#}", result.expect_err("another size"));
         let size = resolution.trim_matches(['[', ']']).replace(", ", "x");
         for part in ["feet", "161x121", &size, "to fix it", "camchain.yaml"] {
             assert!(error.contains(part), "{part}: {error}");
@@ -210,7 +210,7 @@ fn calibration_of_a_data_set_of_another_size_is_refused() {
         fs::write(folder.join("sensor.yaml"), text).expect("a calibration");
     }
     let out = root.path().join("out");
-    let error = recorded(&set, &out, None).err().expect("another size");
+    let error = recorded(&set, &out, None).expect_err("another size");
     let error = format!("{error:#}");
     for part in ["feet", "161x121", "752x480", "to fix it"] {
         assert!(error.contains(part), "{part}: {error}");
