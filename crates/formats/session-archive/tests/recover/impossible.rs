@@ -60,7 +60,8 @@ fn set_channel(channel: u16) -> impl Fn(&mut [u8]) {
 
 #[test]
 fn an_impossible_half_of_a_frame_costs_the_frame() {
-    let changes: [(&str, Box<dyn Fn(&mut [u8])>); 6] = [
+    type Change = Box<dyn Fn(&mut [u8])>;
+    let changes: [(&str, Change); 6] = [
         (
             "log time at the end of time",
             Box::new(set_log_time(u64::MAX)),
