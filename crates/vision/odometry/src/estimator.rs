@@ -13,8 +13,7 @@ use nalgebra::{DMatrix, Matrix3, Matrix6, Vector3};
 use rayon::prelude::*;
 
 use crate::backend::covariance::{
-    NewestCovariance, PoseCovariance, in_rig_frame, relative_in_rig_frame, tilt_uncertainty,
-    transport,
+    NewestCovariance, in_rig_frame, relative_in_rig_frame, tilt_uncertainty, transport,
 };
 use crate::config::Config;
 use crate::estimator::reinitialization::ResetUncertainty;
@@ -29,7 +28,7 @@ use crate::backend::newest_pose::refine_newest;
 use crate::backend::observation::{Camera, CameraPose};
 use crate::backend::solver::optimize_window;
 use crate::backend::state::{ROTATION, State};
-use crate::backend::stereo::StereoPrior;
+use crate::backend::stereo;
 use crate::backend::window::{Frame, MotionFactor, Window};
 use crate::frontend::stale_image::StaleImageDetector;
 use crate::frontend::tracker::{Expected, Track, Tracker, transfer_pixel};
@@ -106,9 +105,7 @@ pub struct Odometry {
     newest_is_keyframe: bool,
     /// Covariance of the state of the last keyframe and of the stereo calibrations.
     keyframe_covariance: NewestCovariance,
-    /// Prior of the stereo calibrations before any image.
-    stereo_prior: StereoPrior,
-    /// Their information at the start of the window.
+    /// Information of the stereo calibrations at the start of the window.
     stereo_information: DMatrix<f64>,
     last: Option<State>,
     /// Poses of the body in the odom frame: at the last keyframe, and at the last frame set.
@@ -132,7 +129,6 @@ impl Odometry {
     /// Creates the estimator of a rig.
     pub fn new(rig: &Rig, config: Config) -> Self {
         let (cameras, body_from_rig) = body_frame(rig);
-        let stereo_prior = StereoPrior::new(&config.backend.stereo, &rig.cameras);
         Self {
             config,
             cameras,
@@ -145,8 +141,7 @@ impl Odometry {
             keyframe_covariance: NewestCovariance {
                 joint: DMatrix::zeros(0, 0),
             },
-            stereo_information: stereo_prior.estimation.clone(),
-            stereo_prior,
+            stereo_information: stereo::prior_information(&config.backend, &rig.cameras),
             last: None,
             odom_from_keyframe: RigidTransform::identity(),
             odom_from_body: RigidTransform::identity(),
@@ -284,22 +279,17 @@ impl Odometry {
         if is_keyframe {
             self.odom_from_keyframe = self.odom_from_body;
         }
-        let of = |covariance: &NewestCovariance| {
-            covariance.pose(&self.config.backend.covariance, &self.stereo_prior)
-        };
         let keyframe_covariance = || {
             let from = &window.frames[window.frames.len() - 2].state;
-            of(&self.keyframe_covariance).map(|part| transport(from, &window.newest().state, part))
+            transport(
+                from,
+                &window.newest().state,
+                &self.keyframe_covariance.pose(),
+            )
         };
-        let covariance = match (&joint, own) {
-            (Some(joint), _) => of(joint),
-            (None, own) => {
-                let mut covariance = keyframe_covariance();
-                covariance.given_stereo += own.map_or(Matrix6::identity(), |own| {
-                    own.fixed_view::<6, 6>(0, 0).into_owned()
-                });
-                covariance
-            }
+        let covariance = match &joint {
+            Some(joint) => joint.pose(),
+            None => keyframe_covariance() + relative_covariance,
         };
         if let Some(joint) = joint.filter(|_| is_keyframe) {
             self.keyframe_covariance = joint;
@@ -311,7 +301,7 @@ impl Odometry {
             self.insert_keyframe(&mut window, &exposure_offset_s);
         }
         self.newest_is_keyframe = is_keyframe;
-        self.is_lost |= !is_connected && self.needs_reinitialization(time_ns, &covariance.sum());
+        self.is_lost |= !is_connected && self.needs_reinitialization(time_ns, &covariance);
         let estimate = self.estimate(
             &window,
             &covariance,
@@ -321,7 +311,7 @@ impl Odometry {
             is_keyframe,
         );
         if self.is_lost {
-            self.reinitialize(&mut window, &covariance.sum());
+            self.reinitialize(&mut window, &covariance);
         }
         let mut state = window.newest().state;
         if self.gyro_rate(time_ns).is_none() {
@@ -492,17 +482,14 @@ impl Odometry {
     fn estimate(
         &self,
         window: &Window,
-        covariance: &PoseCovariance,
+        covariance: &Matrix6<f64>,
         relative_covariance: &Matrix6<f64>,
         inliers: usize,
         is_tracked: bool,
         is_keyframe: bool,
     ) -> Estimate {
         let state = &window.newest().state;
-        let covariance = PoseCovariance {
-            given_stereo: self.with_unmodeled(state, covariance.given_stereo),
-            ..*covariance
-        };
+        let covariance = self.with_unmodeled(state, *covariance);
         let mut covariance = in_rig_frame(
             &self.config.backend.covariance,
             state,

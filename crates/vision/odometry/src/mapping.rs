@@ -11,14 +11,14 @@ use std::collections::BTreeMap;
 
 use cad_transforms::RigidTransform;
 use camera_models::Eye as Side;
-use nalgebra::{Matrix6, UnitQuaternion, Vector6};
+use nalgebra::{DMatrix, Matrix6, UnitQuaternion, Vector6};
 
 use crate::backend::covariance::{in_rig_frame, tilt_uncertainty};
 use crate::backend::extrinsics::ExtrinsicsPrior;
 use crate::backend::observation::{BearingObservation, Camera};
 use crate::backend::solver::MIN_INVERSE_RANGE_PER_M;
 use crate::backend::state::{POSE_DIM, ROTATION, State};
-use crate::backend::stereo::{self, StereoPrior};
+use crate::backend::stereo;
 use crate::backend::window::{Frame, Landmark, MotionFactor, Prior, Window};
 use crate::config::Config;
 use crate::estimator::initialization::initial_sigmas;
@@ -152,7 +152,8 @@ pub struct RefinedExtrinsics {
 pub struct Mapping {
     cameras: Vec<Camera>,
     extrinsics: Vec<ExtrinsicsPrior>,
-    stereo_prior: StereoPrior,
+    /// Information of the stereo calibrations before any image.
+    stereo_information: DMatrix<f64>,
     body_from_rig: RigidTransform,
     imus: Option<ImuSet>,
     config: Config,
@@ -171,7 +172,7 @@ impl Mapping {
                     ExtrinsicsPrior::new(&config.backend.extrinsics, nominal, camera)
                 })
                 .collect(),
-            stereo_prior: StereoPrior::new(&config.backend.stereo, &rig.cameras),
+            stereo_information: stereo::prior_information(&config.backend, &rig.cameras),
             cameras,
             body_from_rig,
             imus: ImuSet::new(rig, config),
@@ -263,8 +264,7 @@ impl Mapping {
         let near = bundle_adjustment::optimize(config, &mut window, &found, robust, &mut progress);
         bundle_adjustment::filter_landmarks(config, &mut window);
         let last = bundle_adjustment::optimize(config, &mut window, &found, cleaned, &mut progress);
-        let covariances =
-            bundle_adjustment::covariances(&self.config, &self.stereo_prior, &window, &found);
+        let covariances = bundle_adjustment::covariances(config.max_covariances, &window, &found);
         let poses = window.frames.iter().zip(&covariances.poses);
         Refined {
             poses: poses
@@ -293,7 +293,11 @@ impl Mapping {
             is_converged: last.is_converged,
             landmarks: window.landmarks.len(),
             extrinsics: self.refined_extrinsics(&window, &covariances.extrinsics),
-            stereo: RefinedStereo::of(&window, &covariances.stereo),
+            stereo: RefinedStereo::of(
+                self.config.backend.covariance.sigma_inflation,
+                &window,
+                &covariances.stereo,
+            ),
         }
     }
 
@@ -374,7 +378,7 @@ impl Mapping {
         }
         let numbers: Vec<u64> = self.keyframes.iter().map(|k| k.number).collect();
         // The prior is about the nominal calibration, the start is the last causal estimate.
-        let prior = prior.with_stereo(&self.cameras, &self.stereo_prior.estimation);
+        let prior = prior.with_stereo(&self.cameras, &self.stereo_information);
         let mut cameras = self.cameras.clone();
         if let Some(last) = self.keyframes.last() {
             for (camera, error) in cameras.iter_mut().zip(&last.stereo_errors) {

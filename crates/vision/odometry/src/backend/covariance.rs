@@ -4,7 +4,6 @@ use cad_transforms::RigidTransform;
 use nalgebra::{DMatrix, Matrix6, Matrix6x2, SMatrix};
 
 use crate::backend::state::{POSE_DIM, STATE_DIM, State};
-use crate::backend::stereo::StereoPrior;
 use crate::config::CovarianceConfig;
 
 /// Joint covariance of the newest state and the stereo calibrations.
@@ -29,96 +28,20 @@ impl NewestCovariance {
             .into_owned()
     }
 
-    /// Covariance of the pose. `prior` is that of the stereo calibrations before any image.
-    pub(crate) fn pose(&self, config: &CovarianceConfig, prior: &StereoPrior) -> PoseCovariance {
-        let size = self.joint.nrows() - STATE_DIM;
-        let pose = self.joint.fixed_view::<POSE_DIM, POSE_DIM>(0, 0);
-        let cross = self.joint.view((0, STATE_DIM), (POSE_DIM, size));
-        PoseCovariance::split(
-            config,
-            prior,
-            &pose.into_owned(),
-            &cross.into_owned(),
-            &self.stereo(),
-        )
+    /// Covariance of the pose.
+    pub(crate) fn pose(&self) -> Matrix6<f64> {
+        self.joint
+            .fixed_view::<POSE_DIM, POSE_DIM>(0, 0)
+            .into_owned()
     }
-}
-
-/// Covariance of a pose in two parts: if the stereo calibrations were exact, and by their
-/// uncertainty. Only the first part is inflated when it is reported.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct PoseCovariance {
-    pub(crate) given_stereo: Matrix6<f64>,
-    pub(crate) by_stereo: Matrix6<f64>,
-}
-
-impl PoseCovariance {
-    /// Splits the covariance of a pose, given its cross-covariance with the stereo calibrations and
-    /// theirs.
-    pub(crate) fn split(
-        config: &CovarianceConfig,
-        prior: &StereoPrior,
-        pose: &Matrix6<f64>,
-        cross: &DMatrix<f64>,
-        stereo: &DMatrix<f64>,
-    ) -> Self {
-        let Some(information) = stereo.clone().try_inverse() else {
-            return Self::given(*pose);
-        };
-        let gain = cross * &information;
-        let explained = &gain * cross.transpose();
-        let by_stereo = &gain * inflate_stereo(config, prior, stereo) * gain.transpose();
-        let fixed = |matrix: &DMatrix<f64>| Matrix6::from_fn(|i, j| matrix[(i, j)]);
-        Self {
-            given_stereo: pose - fixed(&explained),
-            by_stereo: fixed(&by_stereo),
-        }
-    }
-
-    /// The covariance with exact stereo calibrations.
-    pub(crate) fn given(covariance: Matrix6<f64>) -> Self {
-        Self {
-            given_stereo: covariance,
-            by_stereo: Matrix6::zeros(),
-        }
-    }
-
-    /// The whole covariance as the solver has it.
-    pub(crate) fn sum(&self) -> Matrix6<f64> {
-        self.given_stereo + self.by_stereo
-    }
-
-    /// Applies to both parts.
-    pub(crate) fn map(&self, by: impl Fn(&Matrix6<f64>) -> Matrix6<f64>) -> Self {
-        Self {
-            given_stereo: by(&self.given_stereo),
-            by_stereo: by(&self.by_stereo),
-        }
-    }
-}
-
-/// Reported covariance of stereo calibrations: the information of the observations is reduced, that
-/// of the prior replaced by the reported one.
-pub(crate) fn inflate_stereo(
-    config: &CovarianceConfig,
-    prior: &StereoPrior,
-    covariance: &DMatrix<f64>,
-) -> DMatrix<f64> {
-    let square = config.sigma_inflation * config.sigma_inflation;
-    let inflate = covariance.clone().try_inverse().and_then(|information| {
-        let measured = information - &prior.estimation;
-        (&prior.reported + measured / square).try_inverse()
-    });
-    inflate.unwrap_or_else(|| covariance * square)
 }
 
 /// Adds errors that the covariance of the solver does not model: observations of one feature are
-/// correlated over frames, so that sigmas with exact stereo calibrations are multiplied by
-/// `sigma_inflation`, and other calibrations have constant errors. Values from simulated walks; see
+/// correlated over frames, so that sigmas are multiplied by `sigma_inflation`, and calibrations
+/// other than those of stereo have constant errors. Values from simulated walks; see
 /// docs/decisions/0010-odometry.md.
-fn inflate(config: &CovarianceConfig, covariance: &PoseCovariance) -> Matrix6<f64> {
-    let square = config.sigma_inflation * config.sigma_inflation;
-    let mut out = covariance.given_stereo * square + covariance.by_stereo;
+fn inflate(config: &CovarianceConfig, covariance: &Matrix6<f64>) -> Matrix6<f64> {
+    let mut out = covariance * (config.sigma_inflation * config.sigma_inflation);
     for k in 0..3 {
         out[(k, k)] += config.position_sigma_floor_m.powi(2);
         out[(k + 3, k + 3)] += config.rotation_sigma_floor_rad.powi(2);
@@ -152,7 +75,7 @@ pub(crate) fn in_rig_frame(
     config: &CovarianceConfig,
     state: &State,
     body_from_rig: &RigidTransform,
-    covariance: &PoseCovariance,
+    covariance: &Matrix6<f64>,
 ) -> Matrix6<f64> {
     to_rig_frame(state, body_from_rig, &inflate(config, covariance))
 }

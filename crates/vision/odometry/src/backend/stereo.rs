@@ -14,7 +14,7 @@ use nalgebra::{DMatrix, DVector, Matrix3, Matrix6, SMatrix, Vector3, Vector6};
 
 use crate::backend::observation::Camera;
 use crate::backend::state::POSE_DIM;
-use crate::config::StereoCalibrationConfig;
+use crate::config::{BackendConfig, StereoCalibrationConfig};
 use crate::rig::StereoCamera;
 use cad_transforms::so3;
 
@@ -95,41 +95,31 @@ impl StereoGeometry {
     }
 }
 
-/// Prior of the stereo calibrations of a rig, before any image: joint information of the errors of
-/// all cameras.
-#[derive(Clone, Debug)]
-pub(crate) struct StereoPrior {
-    /// For estimation.
-    pub(crate) estimation: DMatrix<f64>,
-    /// For reported covariances. A baseline that no image measures remains near its calibration,
-    /// but may have a larger error.
-    pub(crate) reported: DMatrix<f64>,
-}
-
-impl StereoPrior {
-    pub(crate) fn new(config: &StereoCalibrationConfig, cameras: &[StereoCamera]) -> Self {
-        let information = |baseline_sigma: f64| {
-            let sigmas = cameras.iter().flat_map(|camera| {
-                let sigmas = match &camera.right_from_left_covariance {
-                    Some(covariance) => stated_sigmas(config, camera, covariance),
-                    None => [
-                        config.rotation_sigma_rad,
-                        config.rotation_sigma_rad,
-                        config.rotation_sigma_rad,
-                        baseline_sigma,
-                        config.focal_sigma,
-                        config.principal_point_sigma,
-                    ],
-                };
-                sigmas.map(|sigma| 1.0 / (sigma * sigma))
-            });
-            DMatrix::from_diagonal(&DVector::from_iterator(cameras.len() * POSE_DIM, sigmas))
-        };
-        Self {
-            estimation: information(config.baseline_sigma),
-            reported: information(config.reported_baseline_sigma),
-        }
-    }
+/// Joint information of the errors of all cameras before any image.
+///
+/// Sigmas are divided by the factor that reported sigmas are multiplied with: the solver takes
+/// observations of one feature as independent, and the weight of the prior against them has to be
+/// that of reported covariances.
+pub(crate) fn prior_information(config: &BackendConfig, cameras: &[StereoCamera]) -> DMatrix<f64> {
+    let stereo = &config.stereo;
+    let rotation = stereo.rotation_sigma_rad;
+    let sigmas = cameras.iter().flat_map(|camera| {
+        let stated = camera.right_from_left_covariance.as_ref();
+        stated.map_or(
+            [
+                rotation,
+                rotation,
+                rotation,
+                stereo.baseline_sigma,
+                stereo.focal_sigma,
+                stereo.principal_point_sigma,
+            ],
+            |covariance| stated_sigmas(stereo, camera, covariance),
+        )
+    });
+    let information = sigmas.map(|sigma| (config.covariance.sigma_inflation / sigma).powi(2));
+    let size = cameras.len() * POSE_DIM;
+    DMatrix::from_diagonal(&DVector::from_iterator(size, information))
 }
 
 /// Sigmas of the error of a calibration with this covariance; see

@@ -95,10 +95,7 @@ config! {
         /// degrees.
         pub rotation_sigma_rad: f64 = 2e-3,
         /// Baseline, relative. Only an IMU determines it, and in a minute less well than a factory.
-        pub baseline_sigma: f64 = 3e-3,
-        /// The same in reported covariances: the estimate remains near the calibration, but does
-        /// not rely on it.
-        pub reported_baseline_sigma: f64 = 0.01,
+        pub baseline_sigma: f64 = 0.01,
         /// Focal length, relative.
         pub focal_sigma: f64 = 3e-3,
         /// Principal point along the baseline, in focal lengths.

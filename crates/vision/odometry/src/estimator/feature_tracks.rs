@@ -11,7 +11,7 @@ use cad_transforms::RigidTransform;
 use nalgebra::{DMatrix, Matrix6, Vector3};
 
 use super::keyframes::frame_to_marginalize;
-use crate::backend::covariance::{PoseCovariance, in_rig_frame};
+use crate::backend::covariance::in_rig_frame;
 use crate::backend::marginalization::marginalize;
 use crate::backend::observation::{BearingObservation, Camera, CameraPose, transfer};
 use crate::backend::solver::{for_each_residual, linearize, optimize_window};
@@ -124,7 +124,7 @@ pub fn estimate(
             add_bearings(&mut window, number, set, &outliers);
         }
         let newest = window.newest().state;
-        let covariance = joint.state().fixed_view::<6, 6>(0, 0).into_owned();
+        let covariance = joint.pose();
         poses.push(pose(config, &newest, &covariance));
         while window.frames.len() > config.backend.window_size {
             marginalize_one(&mut window, &config.estimator.keyframes);
@@ -175,8 +175,7 @@ fn pose(config: &Config, state: &State, covariance: &Matrix6<f64>) -> TrackPose 
     let mut none = config.backend.covariance;
     (none.sigma_inflation, none.position_sigma_floor_m) = (1.0, 0.0);
     none.rotation_sigma_floor_rad = 0.0;
-    let covariance = PoseCovariance::given(*covariance);
-    let of = |settings| in_rig_frame(settings, state, &body, &covariance);
+    let of = |settings| in_rig_frame(settings, state, &body, covariance);
     TrackPose {
         time_ns: state.time_ns,
         world_from_imu: state.world_from_rig(&body),

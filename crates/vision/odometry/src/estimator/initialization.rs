@@ -134,8 +134,7 @@ impl Odometry {
         self.newest_is_keyframe = true;
         self.last = Some(state);
         self.keyframe_covariance = window.prior.covariance();
-        let covariance =
-            (self.keyframe_covariance).pose(&self.config.backend.covariance, &self.stereo_prior);
+        let covariance = self.keyframe_covariance.pose();
         self.odom_from_body = state.pose();
         self.odom_from_keyframe = self.odom_from_body;
         let inliers = window.landmarks.len();

@@ -10,20 +10,18 @@ use faer::linalg::solvers::Solve as _;
 use faer::sparse::linalg::solvers::{Llt, SymbolicLlt};
 use faer::sparse::{SparseColMat, Triplet};
 use faer::{Mat, Side};
-use nalgebra::{DMatrix, DVector, Matrix6, SMatrix};
+use nalgebra::{DVector, Matrix6, SMatrix};
 use rayon::prelude::*;
 
 use super::loop_closure::Closure;
-use crate::backend::covariance::{PoseCovariance, inflate_stereo};
 use crate::backend::motion_factor;
 use crate::backend::solver::{
     Accumulated, LandmarkBlock, NormalEquations, PoseMatrix, PoseVector, accumulate, apply,
     for_each_residual, landmark_cost, prior_cost, prior_error,
 };
 use crate::backend::state::{POSE_DIM, STATE_DIM};
-use crate::backend::stereo::StereoPrior;
 use crate::backend::window::{Landmark, Window};
-use crate::config::{Config, MappingConfig};
+use crate::config::MappingConfig;
 
 /// Number of landmarks per piece, and number of pieces that are accumulated in parallel, which
 /// bounds their memory.
@@ -343,11 +341,11 @@ pub(super) fn filter_landmarks(config: &MappingConfig, window: &mut Window) {
 /// Covariances of the solution.
 pub(super) struct Covariances {
     /// Of poses (position in the world, rotation in the body), one per keyframe.
-    pub(super) poses: Vec<PoseCovariance>,
+    pub(super) poses: Vec<Matrix6<f64>>,
     /// Of extrinsics, one for each estimated camera.
     pub(super) extrinsics: Vec<Matrix6<f64>>,
-    /// Of the stereo calibrations, jointly, with the information of the observations reduced.
-    pub(super) stereo: DMatrix<f64>,
+    /// Of the stereo calibrations, one per camera.
+    pub(super) stereo: Vec<Matrix6<f64>>,
 }
 
 /// Frames that neither landmarks nor an IMU connect to earlier ones: of each run without
@@ -370,58 +368,34 @@ fn tracking_losses(window: &Window) -> impl Iterator<Item = usize> {
 }
 
 /// Computes the covariances of the solution, those of at most about `max_count` poses exactly.
-pub(super) fn covariances(
-    config: &Config,
-    prior: &StereoPrior,
-    window: &Window,
-    loops: &[Closure],
-) -> Covariances {
+pub(super) fn covariances(max_count: usize, window: &Window, loops: &[Closure]) -> Covariances {
     let count = window.frames.len();
     let size = window.row_of(window.blocks());
     let linear = linearize(window, loops, 0.0);
-    let first_stereo = window.row_of(window.stereo_block(0));
-    let stereo_rows = size - first_stereo;
     let Some(factor) = factor(&linear, 1e-9, window) else {
         // The covariance is not determined, and is set very large.
         let unknown = Matrix6::identity() * 1e6;
         return Covariances {
-            poses: vec![PoseCovariance::given(unknown); count],
+            poses: vec![unknown; count],
             extrinsics: vec![unknown; window.extrinsics.len()],
-            stereo: DMatrix::identity(stereo_rows, stereo_rows) * 1e6,
+            stereo: vec![unknown; window.prior.stereo.len()],
         };
-    };
-    // Columns of the inverse.
-    let columns = |at: usize, number: usize| {
-        let right = Mat::from_fn(size, number, |i, j| f64::from(u8::from(i == at + j)));
-        factor.solve(&right)
-    };
-    let symmetric = |solved: &Mat<f64>, at: usize| {
-        let block = Matrix6::from_fn(|i, j| solved[(at + i, j)]);
-        (block + block.transpose()) * 0.5
     };
     let of = |block: usize| {
         let at = window.row_of(block);
-        symmetric(&columns(at, POSE_DIM), at)
+        let right = Mat::from_fn(size, POSE_DIM, |i, j| f64::from(u8::from(i == at + j)));
+        let solved = factor.solve(&right);
+        let block = Matrix6::from_fn(|i, j| solved[(at + i, j)]);
+        (block + block.transpose()) * 0.5
     };
-    let stereo = columns(first_stereo, stereo_rows);
-    let stereo = DMatrix::from_fn(stereo_rows, stereo_rows, |i, j| {
-        0.5 * (stereo[(first_stereo + i, j)] + stereo[(first_stereo + j, i)])
-    });
-    let inflation = &config.backend.covariance;
-    let pose_of = |block: usize| {
-        let at = window.row_of(block);
-        let solved = columns(at, POSE_DIM);
-        let cross = DMatrix::from_fn(POSE_DIM, stereo_rows, |i, j| solved[(first_stereo + j, i)]);
-        PoseCovariance::split(inflation, prior, &symmetric(&solved, at), &cross, &stereo)
-    };
-    let step = count.div_ceil(config.mapping.max_covariances).max(1);
+    let step = count.div_ceil(max_count).max(1);
     let mut entries: Vec<usize> = (0..count).step_by(step).collect();
     entries.push(count - 1);
     // At a tracking loss covariances change suddenly.
     entries.extend(tracking_losses(window).flat_map(|k| [k - 1, k]));
     entries.sort_unstable();
     entries.dedup();
-    let found: Vec<PoseCovariance> = entries.par_iter().map(|entry| pose_of(*entry)).collect();
+    let found: Vec<Matrix6<f64>> = entries.par_iter().map(|entry| of(*entry)).collect();
     let mut out = Vec::with_capacity(count);
     for k in 0..count {
         let next = entries.partition_point(|p| *p < k);
@@ -431,15 +405,12 @@ pub(super) fn covariances(
         }
         let (a, b) = (entries[next - 1], entries[next]);
         let share = (k - a) as f64 / (b - a) as f64;
-        let [before, after] = [&found[next - 1], &found[next]];
-        out.push(PoseCovariance {
-            given_stereo: before.given_stereo * (1.0 - share) + after.given_stereo * share,
-            by_stereo: before.by_stereo * (1.0 - share) + after.by_stereo * share,
-        });
+        out.push(found[next - 1] * (1.0 - share) + found[next] * share);
     }
+    let stereo = window.stereo_block(0);
     Covariances {
         poses: out,
-        extrinsics: (count..count + window.extrinsics.len()).map(of).collect(),
-        stereo: inflate_stereo(inflation, prior, &stereo),
+        extrinsics: (count..stereo).map(of).collect(),
+        stereo: (stereo..window.blocks()).map(of).collect(),
     }
 }

@@ -2,9 +2,8 @@
 
 use cad_transforms::RigidTransform;
 use camera_models::CameraModel;
-use nalgebra::{DMatrix, Matrix6, Vector6};
+use nalgebra::{Matrix6, Vector6};
 
-use crate::backend::state::POSE_DIM;
 use crate::backend::window::Window;
 
 /// Chi-square quantile of six dimensions that is exceeded with a probability of 0.27 %, as three
@@ -25,17 +24,16 @@ pub struct RefinedStereo {
 }
 
 impl RefinedStereo {
-    /// Calibrations of all cameras of a window, with their joint covariance.
-    pub(super) fn of(window: &Window, covariance: &DMatrix<f64>) -> Vec<Self> {
-        let each = window.cameras.iter().enumerate();
-        each.map(|(k, camera)| {
-            let at = k * POSE_DIM;
-            let covariance = covariance
-                .fixed_view::<POSE_DIM, POSE_DIM>(at, at)
-                .into_owned();
-            Self::new(camera.stereo.error, covariance)
-        })
-        .collect()
+    /// Calibrations of all cameras of a window, with their covariances as the solver has them.
+    pub(super) fn of(
+        sigma_inflation: f64,
+        window: &Window,
+        covariances: &[Matrix6<f64>],
+    ) -> Vec<Self> {
+        let square = sigma_inflation * sigma_inflation;
+        let each = window.cameras.iter().zip(covariances);
+        each.map(|(camera, covariance)| Self::new(camera.stereo.error, covariance * square))
+            .collect()
     }
 
     fn new(error: Vector6<f64>, covariance: Matrix6<f64>) -> Self {
