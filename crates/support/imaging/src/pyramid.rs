@@ -132,7 +132,14 @@ fn downsample_portable(level: &Level) -> Level {
         };
         let (a, b, c, d, e) = (row(-2), row(-1), row(0), row(1), row(2));
         for x in 0..w {
-            let [a, b, c, d, e] = [a[x], b[x], c[x], d[x], e[x]].map(u16::from);
+            // Not by `map`, which may be a call in here.
+            let [a, b, c, d, e] = [
+                u16::from(a[x]),
+                u16::from(b[x]),
+                u16::from(c[x]),
+                u16::from(d[x]),
+                u16::from(e[x]),
+            ];
             sums[x + 2] = a + e + 4 * (b + d) + 6 * c;
         }
         let (first, last) = (sums[2], sums[w + 1]);
