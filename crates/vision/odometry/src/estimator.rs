@@ -24,6 +24,7 @@ use crate::rig::Rig;
 use camera_models::ImuSample;
 use imaging::Pyramid;
 
+use crate::backend::motion_factor;
 use crate::backend::newest_pose::refine_newest;
 use crate::backend::observation::{Camera, CameraPose};
 use crate::backend::solver::optimize_window;
@@ -416,29 +417,14 @@ impl Odometry {
     /// Motion factor from the newest frame of the window to `time_ns`, and the predicted state.
     fn predict(&mut self, window: &Window, time_ns: i64) -> (MotionFactor, State) {
         let from = &window.newest().state;
-        let seconds = (time_ns - from.time_ns) as f64 * 1e-9;
         let rate = self.rate();
         let imus = self.imus.as_mut();
         let motion = motion_factor(imus, &self.config, from, time_ns, rate, true);
-        let (preintegrated, has_gravity) = (&motion.preintegrated, motion.has_gravity);
-        let gravity = if has_gravity {
-            Vector3::new(0.0, 0.0, -crate::backend::state::GRAVITY)
-        } else {
-            Vector3::zeros()
-        };
-        let gyro_rate = self.gyro_rate(time_ns).unwrap_or(from.gyro_rate);
         let mut guess = State {
-            time_ns,
-            position: from.position
-                + from.velocity * seconds
-                + gravity * (0.5 * seconds * seconds)
-                + from.rotation * preintegrated.displacement,
-            rotation: from.rotation * preintegrated.rotation,
-            velocity: from.velocity + gravity * seconds + from.rotation * preintegrated.velocity,
-            gyro_rate,
-            ..*from
+            gyro_rate: self.gyro_rate(time_ns).unwrap_or(from.gyro_rate),
+            ..motion_factor::predict(&motion, from, time_ns)
         };
-        if let (false, Some(last)) = (has_gravity, &self.last) {
+        if let (false, Some(last)) = (motion.has_gravity, &self.last) {
             // The last frame set is nearer than the keyframe, whose velocity may not yet be known.
             let seconds = (time_ns - last.time_ns) as f64 * 1e-9;
             let (rotation, position) = last.pose_after(seconds);

@@ -148,13 +148,7 @@ pub(crate) fn run(args: &[String]) -> Result<()> {
                 if !options.parts.iter().any(|part| part == kind.name()) {
                     continue;
                 }
-                // A quick run uses only the strongest.
-                let skipped = if options.quick {
-                    strengths.len() - 1
-                } else {
-                    0
-                };
-                for strength in &strengths[skipped..] {
+                for strength in options.strengths(strengths) {
                     points.push(point(walk, rig, Some((kind, *strength)), &options)?);
                 }
             }

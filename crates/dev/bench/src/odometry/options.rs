@@ -67,6 +67,11 @@ impl Options {
         Ok(parsed)
     }
 
+    /// The strengths of a sweep in this run, weakest first: a quick run uses only the strongest.
+    pub(crate) fn strengths<'a>(&self, all: &'a [f64]) -> &'a [f64] {
+        &all[if self.quick { all.len() - 1 } else { 0 }..]
+    }
+
     /// Whether a walk is to be run on.
     pub(crate) fn takes(&self, name: &str) -> bool {
         self.names.is_empty() || self.names.iter().any(|n| n == name)

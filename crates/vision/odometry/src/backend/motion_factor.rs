@@ -48,6 +48,22 @@ fn gravity(motion: &MotionFactor) -> Vector3<f64> {
     Vector3::new(0.0, 0.0, -size)
 }
 
+/// The state that a motion leads to; its angular rate is that of the earlier one.
+pub(crate) fn predict(motion: &MotionFactor, from: &State, time_ns: i64) -> State {
+    let seconds = (time_ns - from.time_ns) as f64 * 1e-9;
+    let (preintegrated, gravity) = (&motion.preintegrated, gravity(motion));
+    State {
+        time_ns,
+        position: from.position
+            + from.velocity * seconds
+            + gravity * (0.5 * seconds * seconds)
+            + from.rotation * preintegrated.displacement,
+        rotation: from.rotation * preintegrated.rotation,
+        velocity: from.velocity + gravity * seconds + from.rotation * preintegrated.velocity,
+        ..*from
+    }
+}
+
 /// Inverse covariance of the residual.
 fn weight(motion: &MotionFactor) -> (SMatrix<f64, 9, 9>, [f64; 2]) {
     let mut covariance = motion.preintegrated.covariance;

@@ -8,14 +8,15 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use cad_transforms::RigidTransform;
-use nalgebra::{DMatrix, Matrix6, Vector3};
+use nalgebra::{DMatrix, Matrix6};
 
 use super::keyframes::frame_to_marginalize;
 use crate::backend::covariance::in_rig_frame;
 use crate::backend::marginalization::marginalize;
+use crate::backend::motion_factor;
 use crate::backend::observation::{BearingObservation, Camera, CameraPose, transfer};
 use crate::backend::solver::{for_each_residual, linearize, optimize_window};
-use crate::backend::state::{GRAVITY, STATE_DIM, State};
+use crate::backend::state::{STATE_DIM, State};
 use crate::backend::window::{Frame, Landmark, MotionFactor, Prior, Window};
 use crate::config::{Config, KeyframeConfig};
 use crate::inertial::imu_set::body_frame;
@@ -187,18 +188,6 @@ fn pose(config: &Config, state: &State, covariance: &Matrix6<f64>) -> TrackPose 
 /// The next frame, propagated by the IMU.
 fn next_frame(imu: &ImuPropagator, from: &State, number: u64, time_ns: i64) -> Option<Frame> {
     let (preintegrated, has_gravity) = imu.preintegrate(from, time_ns, from.gyro_rate)?;
-    let seconds = (time_ns - from.time_ns) as f64 * 1e-9;
-    let gravity = Vector3::new(0.0, 0.0, -GRAVITY);
-    let state = State {
-        time_ns,
-        position: from.position
-            + from.velocity * seconds
-            + gravity * (0.5 * seconds * seconds)
-            + from.rotation * preintegrated.displacement,
-        rotation: from.rotation * preintegrated.rotation,
-        velocity: from.velocity + gravity * seconds + from.rotation * preintegrated.velocity,
-        ..*from
-    };
     let motion = MotionFactor {
         preintegrated,
         has_gravity,
@@ -206,7 +195,7 @@ fn next_frame(imu: &ImuPropagator, from: &State, number: u64, time_ns: i64) -> O
     };
     Some(Frame {
         number,
-        state,
+        state: motion_factor::predict(&motion, from, time_ns),
         motion: Some(motion),
     })
 }

@@ -1,4 +1,7 @@
+use nalgebra::Vector3;
+
 use super::*;
+use crate::backend::state::GRAVITY;
 use crate::config::Preset;
 use crate::test_rig;
 
