@@ -1,15 +1,18 @@
 //! `depth`: stereo depth, ours beside OpenCV's matchers, in one run on the same images with the
 //! same disparity range.
 //!
-//! 1. `motorcycle`: a real pair (Middlebury). Errors over time, of every mode of OpenCV's BM and
+//! 1. `motorcycle`: a real pair (Middlebury), and `halved`: the same, reduced by area. Errors over time, of every mode of OpenCV's BM and
 //!    SGBM and of our presets and settings between them. A point of OpenCV's is *beaten* if one of
 //!    ours takes no longer, has at least the same density, and fewer pixels with an error of more
 //!    than 2 px ("bad-2").
 //! 2. `simulated`: the same on held-out frames of simulated walks, by day and at night.
-//! 3. `rate`: pairs of 640x480 with 128 disparities per second.
-//! 4. `bands`: time saved by restricting the disparity range to the needs of a scene, and the loss
+//! 3. `imperfect`: the same on some of these frames whose two eyes differ ([`imperfect`]).
+//! 4. `driving`: density of real driving pairs without ground truth, and the share that the
+//!    neighboring frames confirm ([`driving`]).
+//! 5. `rate`: pairs of 640x480 with 128 disparities per second.
+//! 6. `bands`: time saved by restricting the disparity range to the needs of a scene, and the loss
 //!    of answers.
-//! 5. `sigma`: ratio of errors within two of the stated sigmas.
+//! 7. `sigma`: ratio of errors within two of the stated sigmas, in every quarter of the sigma.
 //!
 //! All use two threads. Times are medians; ours and theirs alternate. `--fit` refits the sigmas of
 //! the presets on other walks, and prints their tables (`crates/vision/depth/src/sigma/tables.rs`).
@@ -22,8 +25,10 @@ use serde_json::{Map, Value, json};
 
 mod bands;
 mod charts;
+mod driving;
 mod fit_sigma_model;
 pub(crate) mod frames;
+mod imperfect;
 pub(crate) mod peers;
 pub(crate) mod race;
 mod real;
@@ -34,7 +39,16 @@ use frames::Frame;
 use peers::{Peers, SgbmConfig};
 use race::Race;
 
-const PARTS: [&str; 5] = ["motorcycle", "simulated", "rate", "bands", "sigma"];
+const PARTS: [&str; 8] = [
+    "motorcycle",
+    "halved",
+    "simulated",
+    "imperfect",
+    "driving",
+    "rate",
+    "bands",
+    "sigma",
+];
 
 /// Runs the benchmark: `[--quick] [--only PART,...] [--fit] [--out DIR]`.
 ///
@@ -55,14 +69,19 @@ pub(crate) fn run(args: &[String]) -> Result<()> {
     let mut report = read(&path)?;
     let needs = |part: &str| options.parts.iter().any(|p| p == part);
     let places = test_set::held_out(options.quick);
-    let held_out = match needs("simulated") || needs("sigma") {
+    let held_out = match needs("simulated") || needs("imperfect") || needs("sigma") {
         true => test_set::render(&places)?,
         false => Vec::new(),
     };
     for part in &options.parts {
         let found = match part.as_str() {
-            "motorcycle" => {
-                let Some(frame) = motorcycle()? else { continue };
+            "motorcycle" | "halved" => {
+                let Some(mut frame) = motorcycle()? else {
+                    continue;
+                };
+                if part == "halved" {
+                    frame = real::halved(&frame);
+                }
                 let race = Race::run(
                     &mut Peers::start()?,
                     &SgbmConfig::many(),
@@ -78,14 +97,36 @@ pub(crate) fn run(args: &[String]) -> Result<()> {
                 race.print(part);
                 race.json()
             }
+            "imperfect" => {
+                let all = imperfect::TESTED.iter().enumerate();
+                let frames: Vec<Frame> = all
+                    .flat_map(|(k, (_, imperfections))| {
+                        let own = held_out.iter().skip(k).step_by(imperfect::TESTED.len());
+                        own.map(|(_, frame)| imperfections.apply(frame))
+                    })
+                    .collect();
+                let frames: Vec<&Frame> = frames.iter().collect();
+                let race = Race::run(&mut Peers::start()?, &SgbmConfig::few(), &frames, 1)?;
+                race.print(part);
+                race.json()
+            }
+            "driving" => match harness::data::sets([driving::SEQUENCE]) {
+                Ok([folder]) => driving::run(&folder, options.quick)?,
+                Err(reason) => {
+                    eprintln!("{reason}");
+                    continue;
+                }
+            },
             "rate" => race::rate(options.quick)?,
             "bands" => bands::bands(options.quick)?,
             _ => {
                 let mut groups = fit_sigma_model::check(&places, &held_out)?;
+                groups.extend(fit_sigma_model::imperfect(&held_out)?);
                 if let Some(frame) = motorcycle()? {
                     groups.extend(fit_sigma_model::alone(&frame)?);
+                    groups.extend(fit_sigma_model::alone(&real::halved(&frame))?);
                 }
-                fit_sigma_model::json(&groups)
+                fit_sigma_model::json(&mut groups)
             }
         };
         report.insert(part.clone(), json!({ "stamp": stamp, "found": found }));

@@ -18,34 +18,53 @@ config! {
     pub struct Config {
         /// Downsampling before matching, if any. Saves time at the cost of detail.
         pub downsample: Option<Downsample> = None,
+        /// Minimum root mean square row offset of a pair that is corrected before matching, px. Lower
+        /// resamples images that are aligned, which blurs them.
+        pub min_row_offset_px: f64 = 0.05,
         /// Matching of images with little noise.
         pub clear: Matching = Matching::clear(Census::Full5x5),
         /// Matching of noisy images.
         pub noisy: Matching = Matching::noisy(),
         /// Minimum standard deviation of the noise for an image to count as noisy, gray levels.
-        /// Lower smooths clear images, higher matches noise.
-        pub min_noise: f64 = 1.4,
+        /// Lower blurs edges of clear images, higher matches noise.
+        pub min_noise: f64 = 1.2,
+        /// Standard deviations of the noise from which on images are smoothed before matching, and
+        /// from which on with the whole binomial kernel; between them in proportion. Gray levels.
+        pub smoothed_noise: [f64; 2] = [0.9, 1.5],
         /// Aggregation paths. Eight take 1.6 times as long as three.
         pub paths: Paths = Paths::Eight,
-        /// Maximum disparity difference between the left and the right image, px. Compare OpenCV
-        /// SGBM `disp12MaxDiff`. Higher fills occlusions with wrong values.
-        pub max_lr_difference_px: u16 = 1,
+        /// Maximum disparity difference between the left and the right image for a pixel to be
+        /// consistent, px. Compare OpenCV SGBM `disp12MaxDiff`. Others need a region with consistent
+        /// pixels, and get larger sigmas.
+        pub max_lr_difference_px: u8 = 1,
         /// Minimum margin by which the second-best non-adjacent cost exceeds the best one, percent.
         /// Compare OpenCV SGBM `uniquenessRatio`. 0 leaves ambiguity to the sigma.
         pub uniqueness_percent: u16 = 0,
         /// Whether a 3x3 median filter is applied.
         pub median: bool = true,
-        /// Minimum size of a connected region, pixels; smaller ones are removed. Compare OpenCV
+        /// Minimum number of consistent pixels of a connected region; smaller ones are removed. Compare OpenCV
         /// SGBM `speckleWindowSize`.
         pub min_speckle_px: usize = 100,
         /// Maximum disparity difference of neighbors in one region, px. Compare OpenCV SGBM
         /// `speckleRange`.
         pub speckle_step_px: f32 = 1.5,
         /// Minimum correlation of the two images around a pixel and its match. For pure noise it is
-        /// within 0.08 of 0. Lower keeps matches of noise, higher removes those under reflections.
-        pub min_correlation: f32 = 0.25,
-        /// Maximum sigma, px; disparities with a larger one are removed.
-        pub max_sigma_px: f32 = 6.0,
+        /// within 0.08 of 0. Lower keeps matches of noise, with large sigmas.
+        pub min_correlation: f32 = 0.0,
+        /// Half the side of the window in which planes are fitted to the disparities, px; `None` for
+        /// no fit. Larger averages more, and takes more time with its square.
+        pub plane_radius_px: Option<usize> = None,
+        /// Maximum disparity difference within a window for a pixel to count for its plane, px.
+        pub max_plane_step_px: f32 = 1.5,
+        /// Maximum sigma, px; disparities with a larger one are removed. Most of those near the
+        /// default are right; users compare the sigma with the disparity.
+        pub max_sigma_px: f32 = 32.0,
+        /// Standard deviation of what a pair does not show, px: an offset of its disparities by an
+        /// error of the rectification along rows. It is added to the sigma in quadrature.
+        pub column_offset_sigma_px: f32 = 0.05,
+        /// Additional standard deviation, relative to the root mean square row offset of the pair: a
+        /// rectification that is wrong across rows is wrong along them too.
+        pub column_offset_ratio: f32 = 0.25,
         /// Bands around a predicted disparity.
         pub band: BandConfig = BandConfig::default(),
         /// Instruction set; `None` for the most capable one of the processor. The result is the
@@ -90,8 +109,6 @@ pub struct Matching {
     pub max_gray_cost: u8,
     /// Smoothness penalties.
     pub penalties: Penalties,
-    /// Whether both images are smoothed before matching.
-    pub smooth: bool,
 }
 
 impl Matching {
@@ -100,15 +117,11 @@ impl Matching {
             census,
             max_gray_cost: 8,
             penalties: Penalties::for_costs_up_to(census.bits() + 8),
-            smooth: false,
         }
     }
 
     fn noisy() -> Self {
-        Self {
-            smooth: true,
-            ..Self::clear(Census::Opposite9x7)
-        }
+        Self::clear(Census::Opposite9x7)
     }
 }
 
@@ -159,7 +172,7 @@ impl Config {
                 config.paths = Paths::Three;
             }
             Preset::Balanced => {}
-            Preset::Accurate => config.clear = Matching::clear(Census::Full7x7),
+            Preset::Accurate => config.plane_radius_px = Some(4),
         }
         config
     }
@@ -190,10 +203,24 @@ impl Config {
                 );
             }
         }
+        let [from, whole] = self.smoothed_noise;
+        // NaN is rejected too.
+        if !(0.0 <= from && from < whole) {
+            return invalid(
+                "the noise of smoothed images",
+                format!("{from} to {whole}"),
+                "two increasing values, 0 or more".to_owned(),
+            );
+        }
         // NaN is rejected too.
         let numbers = [
             ("the speckle step", self.speckle_step_px),
             ("the maximum sigma", self.max_sigma_px),
+            (
+                "the sigma of the column offset",
+                self.column_offset_sigma_px,
+            ),
+            ("the ratio of the column offset", self.column_offset_ratio),
         ];
         match numbers
             .into_iter()

@@ -71,6 +71,19 @@ impl<T: Copy + Default + Send + Sync> Cells<T> {
         });
     }
 
+    /// Sets each cell to a value of the same cell of two others.
+    pub(crate) fn zip<A: Copy + Sync, B: Copy + Sync>(
+        &mut self,
+        a: &Cells<A>,
+        b: &Cells<B>,
+        value: impl Fn(A, B) -> T + Sync + Send,
+    ) {
+        self.columns = a.columns;
+        let both = a.cells.par_iter().zip(&b.cells);
+        both.map(|(a, b)| value(*a, *b))
+            .collect_into_vec(&mut self.cells);
+    }
+
     /// Value of the cell that contains a pixel.
     pub(crate) fn at(&self, x: usize, y: usize) -> T {
         self.cells[y / CELL_PX * self.columns + x / CELL_PX]

@@ -12,7 +12,7 @@ use crate::band::Band;
 use crate::config::Config;
 use crate::error::DepthError;
 use crate::map::DisparityMap;
-use crate::matcher::{MatchStats, Matcher};
+use crate::matcher::{MatchStats, Matcher, Measured};
 use imaging::ImageView;
 
 /// Downsampling before matching.
@@ -64,31 +64,35 @@ impl HalfResolution {
         })
     }
 
-    /// Matches a rectified pair of the size of the map. `noise` is the noise of the left image; the
-    /// statistics are given for the rows of the map.
+    /// Matches an aligned pair of the size of the map. The statistics are given for its rows.
     pub(crate) fn run(
         &mut self,
         left: &ImageView<'_>,
         right: &ImageView<'_>,
         band: &Band,
-        noise: Option<f64>,
+        measured: Measured,
         (map, stats): (&mut DisparityMap, &mut MatchStats),
     ) -> Result<(), DepthError> {
         let by = self.by;
         // Noise of the averaged pixels. Estimated from the downsampled image, fine texture would
         // count as noise.
-        let of_means = noise.map(|noise| noise / ((by[0] * by[1]) as f64).sqrt());
+        let averaged = ((by[0] * by[1]) as f64).sqrt();
+        let of_means = Measured {
+            noise: measured.noise.map(|noise| noise / averaged),
+            ..measured
+        };
         let [a, b] = &mut self.small;
         rayon::join(|| shrink(left, by, a), || shrink(right, by, b));
         let [width, height] = [map.width / by[0], map.height / by[1]];
         let left = ImageView::packed(width, height, &self.small[0])?;
         let right = ImageView::packed(width, height, &self.small[1])?;
         let band = half_band(band, by, height)?;
-        self.matcher.run_through(&left, &right, &band, of_means)?;
+        self.matcher.match_aligned(&left, &right, &band, of_means)?;
         enlarge(self.matcher.map(), by, map);
         let found = self.matcher.stats();
-        stats.noise = noise;
+        (stats.noise, stats.row_offset_px) = (measured.noise, measured.row_offset_px);
         stats.is_noisy = found.is_noisy;
+        stats.smoothing = found.smoothing;
         let columns = by[0] as u32;
         let of = |y: usize| found.at_end[(y / by[1]).min(height - 1)].map(|count| count * columns);
         stats.at_end = (0..map.height).map(of).collect();
@@ -205,7 +209,9 @@ mod tests {
             };
             let mut matcher = Matcher::new(config, WIDTH, HEIGHT).unwrap();
             let map = matcher.run(&left, &right, &band).unwrap();
-            let found = map.disparity.iter().filter(|d| !d.is_nan());
+            // The right image does not show the first columns.
+            let rows = map.disparity.chunks(WIDTH).flat_map(|row| &row[SHIFT..]);
+            let found = rows.filter(|d| !d.is_nan());
             let close = found.clone().filter(|d| (**d - SHIFT as f32).abs() < 1.0);
             let (found, close) = (found.count(), close.count());
             assert!(found > WIDTH * HEIGHT * 3 / 4, "{downsample:?}: {found}");

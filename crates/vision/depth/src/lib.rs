@@ -49,9 +49,13 @@ mod map;
 mod matcher;
 mod median;
 pub mod noise;
+mod planes;
+mod prediction;
 #[cfg(test)]
 mod reference;
+mod row_alignment;
 pub mod sigma;
+mod smoothing;
 mod speckle;
 
 pub use aggregation::{Paths, Penalties};

@@ -6,14 +6,17 @@ use crate::aggregation::{Aggregation, NONE, Range, Weights};
 use crate::band::Band;
 use crate::config::Config;
 use crate::consistency::Winners;
-use crate::correlation::{Correlation, LocalStats};
+use crate::correlation::{Cells, Correlation, LocalStats};
 use crate::error::DepthError;
 use crate::half_resolution::HalfResolution;
 use crate::lanes::Level;
 use crate::map::DisparityMap;
 use crate::median::median;
 use crate::noise;
+use crate::planes::{PlaneBuffers, Planes};
+use crate::row_alignment::RowAlignment;
 use crate::sigma::{Evidence, Model};
+use crate::smoothing::smooth;
 use crate::speckle::SpeckleFilter;
 use imaging::ImageView;
 
@@ -28,10 +31,16 @@ pub struct Matcher {
     half_resolution: Option<Box<HalfResolution>>,
     model: Model,
     aggregation: Aggregation,
+    row_alignment: RowAlignment,
     smoothed: [Vec<u8>; 2],
+    candidates: Vec<f32>,
+    lr_differences: Vec<u8>,
     consistent: Vec<f32>,
     speckle_filter: SpeckleFilter,
     local_stats: LocalStats,
+    /// Logarithms of the sigma model by neighborhood.
+    neighborhood_logs: Cells<f32>,
+    plane_buffers: PlaneBuffers,
     correlation: Correlation,
     evidence: Vec<Evidence>,
     stores_evidence: bool,
@@ -44,11 +53,24 @@ pub struct Matcher {
 pub struct MatchStats {
     /// Standard deviation of the image noise, gray levels; absent if no block is well exposed.
     pub noise: Option<f64>,
+    /// Root mean square row offset of the pair that was corrected, px; 0 where none is significant.
+    pub row_offset_px: f64,
     /// Whether the image was matched as a noisy one.
     pub is_noisy: bool,
+    /// Smoothing of the images before matching: 0 for none, 1 for the binomial kernel.
+    pub smoothing: f64,
     /// Number of pixels of each row whose winning disparity is at the lower and at the upper end of
     /// the band of the row.
     pub at_end: Vec<[u32; 2]>,
+}
+
+/// What is measured of a pair before it is matched.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Measured {
+    /// Standard deviation of the noise, gray levels.
+    pub(crate) noise: Option<f64>,
+    /// Root mean square row offset that was corrected, px.
+    pub(crate) row_offset_px: f64,
 }
 
 impl Matcher {
@@ -74,10 +96,15 @@ impl Matcher {
             level: config.level.unwrap_or_else(Level::best),
             model: *Model::of(config.paths),
             aggregation: Aggregation::default(),
+            row_alignment: RowAlignment::default(),
             smoothed: [Vec::new(), Vec::new()],
+            candidates: Vec::new(),
+            lr_differences: Vec::new(),
             consistent: Vec::new(),
             speckle_filter: SpeckleFilter::default(),
             local_stats: LocalStats::default(),
+            neighborhood_logs: Cells::default(),
+            plane_buffers: PlaneBuffers::default(),
             correlation: Correlation::default(),
             evidence: Vec::new(),
             stores_evidence: false,
@@ -133,10 +160,12 @@ impl Matcher {
     /// let images = [ImageView::packed(128, 48, &left)?, ImageView::packed(128, 48, &right)?];
     /// matcher.run(&images[0], &images[1], &Band::full(0, 32, 48)?)?;
     ///
-    /// // The sigma of a pixel follows from its evidence alone.
+    /// // The sigma of a pixel follows from its evidence and what is not known of the rectification.
     /// let pixel = 24 * 128 + 80;
     /// let evidence = matcher.evidence()[pixel];
-    /// assert_eq!(matcher.map().sigma[pixel], Model::of(config.paths).sigma_px(&evidence));
+    /// let own = Model::of(config.paths).sigma_px(&evidence);
+    /// let whole = (own.powi(2) + config.column_offset_sigma_px.powi(2)).sqrt();
+    /// assert_eq!(matcher.map().sigma[pixel], whole);
     /// # Ok::<(), depth::DepthError>(())
     /// ```
     pub fn evidence(&self) -> &[Evidence] {
@@ -227,30 +256,46 @@ impl Matcher {
                 expected: format!("{}, the number of image rows", left.height()),
             });
         }
-        let noise = noise::estimate(left);
+        let mut rows = std::mem::take(&mut self.row_alignment);
+        let offsets = rows.run([left, right], band, self.config.min_row_offset_px);
+        let right = match offsets {
+            None => *right,
+            Some(_) => ImageView::packed(right.width(), right.height(), &rows.aligned)?,
+        };
+        let measured = Measured {
+            noise: noise::estimate(left, &right, band),
+            row_offset_px: offsets.map_or(0.0, |offsets| offsets.rms_px()),
+        };
         match &mut self.half_resolution {
-            None => self.run_through(left, right, band, noise)?,
+            None => self.match_aligned(left, &right, band, measured)?,
             Some(half_resolution) => {
                 let to = (&mut self.map, &mut self.stats);
-                half_resolution.run(left, right, band, noise, to)?;
+                half_resolution.run(left, &right, band, measured, to)?;
             }
         }
+        self.row_alignment = rows;
         Ok(&self.map)
     }
 
-    /// Matches a pair of the correct size. `noise` is the standard deviation of the image noise,
-    /// gray levels.
-    pub(crate) fn run_through(
+    /// Matches a pair of the correct size whose rows are aligned.
+    pub(crate) fn match_aligned(
         &mut self,
         left: &ImageView<'_>,
         right: &ImageView<'_>,
         band: &Band,
-        noise: Option<f64>,
+        measured: Measured,
     ) -> Result<(), DepthError> {
-        self.stats.noise = noise;
+        (self.stats.noise, self.stats.row_offset_px) = (measured.noise, measured.row_offset_px);
         self.aggregate(left, right, band)?;
         self.check_consistency(band);
         self.assign_sigma(left, right);
+        if let Some(radius_px) = self.config.plane_radius_px {
+            let planes = Planes {
+                radius_px,
+                max_step_px: self.config.max_plane_step_px,
+            };
+            planes.fit(self.level, left, &mut self.map, &mut self.plane_buffers);
+        }
         Ok(())
     }
 
@@ -265,6 +310,9 @@ impl Matcher {
             .stats
             .noise
             .is_some_and(|noise| noise >= config.min_noise);
+        let [from, whole] = config.smoothed_noise;
+        let noise = self.stats.noise.unwrap_or(0.0);
+        self.stats.smoothing = ((noise - from) / (whole - from)).clamp(0.0, 1.0);
         let matching = match self.stats.is_noisy {
             true => config.noisy,
             false => config.clear,
@@ -280,19 +328,20 @@ impl Matcher {
             count: band.count(),
             rows: band.lanes(),
         };
-        if !matching.smooth {
-            self.aggregation
-                .run(self.level, weights, [left, right], range);
-            return Ok(());
-        }
-        let [of_left, of_right] = &mut self.smoothed;
-        rayon::join(
-            || noise::smooth(left, of_left),
-            || noise::smooth(right, of_right),
-        );
+        let smoothing = self.stats.smoothing;
         let (width, height) = (self.map.width, self.map.height);
-        let left = ImageView::packed(width, height, of_left)?;
-        let right = ImageView::packed(width, height, of_right)?;
+        let view = |pixels| ImageView::packed(width, height, pixels);
+        let [of_left, of_right] = &mut self.smoothed;
+        let [left, right] = match smoothing == 0.0 {
+            true => [*left, *right],
+            false => {
+                rayon::join(
+                    || smooth(left, smoothing, of_left),
+                    || smooth(right, smoothing, of_right),
+                );
+                [view(of_left)?, view(of_right)?]
+            }
+        };
         self.aggregation
             .run(self.level, weights, [&left, &right], range);
         Ok(())
@@ -308,18 +357,28 @@ impl Matcher {
             first: band.first(),
             left: winners,
             right: &self.aggregation.right,
-            max_lr_difference_px: self.config.max_lr_difference_px,
             uniqueness_percent: self.config.uniqueness_percent,
         };
-        winners_of_both.left_right_check(&mut self.consistent);
-        if self.config.median {
-            median(self.level, width, &self.consistent, &mut self.map.disparity);
-        } else {
-            self.map.disparity.clone_from(&self.consistent);
-        }
+        let (candidates, differences) = (&mut self.candidates, &mut self.lr_differences);
+        winners_of_both.disparities(candidates, differences);
+        let max_difference = self.config.max_lr_difference_px;
+        let is_consistent = |i: usize| differences[i] <= max_difference;
         let (step, least) = (self.config.speckle_step_px, self.config.min_speckle_px);
         self.speckle_filter
-            .remove(width, &mut self.map.disparity, step, least);
+            .remove(width, candidates, is_consistent, step, least);
+        if self.config.median {
+            median(self.level, width, candidates, &mut self.map.disparity);
+        } else {
+            self.map.disparity.clone_from(candidates);
+        }
+        let kept = self.map.disparity.par_iter().zip(&*differences);
+        kept.map(
+            |(disparity, difference)| match *difference <= max_difference {
+                true => *disparity,
+                false => f32::NAN,
+            },
+        )
+        .collect_into_vec(&mut self.consistent);
         let rows = band.lanes().par_iter().zip(winners.par_chunks_exact(width));
         let kept = self.map.disparity.par_chunks_exact(width);
         let at_end = rows.zip(kept).map(|(([low, high], winners), kept)| {
@@ -340,38 +399,49 @@ impl Matcher {
     /// sigma.
     fn assign_sigma(&mut self, left: &ImageView<'_>, right: &ImageView<'_>) {
         let width = self.map.width;
-        self.local_stats.compute(width, &self.map.disparity);
+        self.local_stats.compute(width, &self.consistent);
         self.correlation.compute(left, right, &self.map.disparity);
         let config = &self.config;
         let stores_evidence = self.stores_evidence;
-        let rows = self.map.disparity.par_chunks_exact_mut(width);
-        let rows = rows.zip(self.map.sigma.par_chunks_exact_mut(width));
-        let rows = rows.zip(self.aggregation.winners.par_chunks_exact(width));
         let (near, correlation, model) =
             (&self.local_stats.near, &self.correlation.near, &self.model);
-        rows.enumerate()
-            .for_each(|(y, ((disparities, sigmas), winners))| {
-                for x in 0..width {
-                    sigmas[x] = f32::NAN;
-                    if disparities[x].is_nan() {
-                        continue;
-                    }
-                    let evidence = Evidence::new(config.paths, &winners[x], near.at(x, y));
-                    let sigma = model.sigma_px(&evidence);
-                    let is_correlated = correlation.at(x, y) >= config.min_correlation;
-                    if !is_correlated || (sigma > config.max_sigma_px && !stores_evidence) {
-                        disparities[x] = f32::NAN;
-                    } else {
-                        sigmas[x] = sigma;
-                    }
-                }
-            });
+        let (winners, differences) = (&self.aggregation.winners, &self.lr_differences);
         self.evidence.clear();
         if stores_evidence {
-            let winners = self.aggregation.winners.iter().enumerate();
-            let of =
-                |(i, winner)| Evidence::new(config.paths, winner, near.at(i % width, i / width));
-            self.evidence.extend(winners.map(of));
+            let evidence_of = |i: usize| {
+                let [x, y] = [i % width, i / width];
+                let (near, correlation) = (near.at(x, y), correlation.at(x, y));
+                Evidence::new(config.paths, &winners[i], differences[i], near, correlation)
+            };
+            self.evidence.extend((0..winners.len()).map(evidence_of));
         }
+        let lr_logs = model.lr_logs();
+        let log = |near, correlation| model.neighborhood_log(near, correlation);
+        self.neighborhood_logs.zip(near, correlation, log);
+        let neighborhood_logs = &self.neighborhood_logs;
+        // No `hypot`: its result depends on the platform.
+        let of_rows = config.column_offset_ratio * self.stats.row_offset_px as f32;
+        let of_calibration = config.column_offset_sigma_px.powi(2) + of_rows * of_rows;
+        let rows = self.map.disparity.par_chunks_exact_mut(width);
+        let rows = rows.zip(self.map.sigma.par_chunks_exact_mut(width));
+        rows.enumerate().for_each(|(y, (disparities, sigmas))| {
+            for x in 0..width {
+                sigmas[x] = f32::NAN;
+                if disparities[x].is_nan() {
+                    continue;
+                }
+                let i = y * width + x;
+                let lr_log = lr_logs[usize::from(differences[i])];
+                let near_log = neighborhood_logs.at(x, y);
+                let own = model.sigma_in_px(config.paths, &winners[i], lr_log, near_log);
+                let sigma = (own * own + of_calibration).sqrt();
+                let is_correlated = correlation.at(x, y) >= config.min_correlation;
+                if !is_correlated || (sigma > config.max_sigma_px && !stores_evidence) {
+                    disparities[x] = f32::NAN;
+                } else {
+                    sigmas[x] = sigma;
+                }
+            }
+        });
     }
 }

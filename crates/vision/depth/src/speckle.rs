@@ -1,7 +1,7 @@
 //! Speckle filter: removes small connected regions of a disparity map.
 //!
 //! Contract: pixels that share a side and whose disparities differ by at most a step are in one
-//! region; regions with fewer than a minimum number of pixels become absent. The upper and the
+//! region; regions with fewer than a minimum number of consistent pixels become absent. The upper and the
 //! lower half are processed in parallel and joined, which gives the same regions as one pass over
 //! the whole map.
 
@@ -16,8 +16,15 @@ pub(crate) struct SpeckleFilter {
 }
 
 impl SpeckleFilter {
-    /// Removes the regions of fewer than `min_px` pixels from a map; NaN means absent.
-    pub(crate) fn remove(&mut self, width: usize, map: &mut [f32], step: f32, min_px: usize) {
+    /// Removes the regions of fewer than `min_px` consistent pixels from a map; NaN means absent.
+    pub(crate) fn remove(
+        &mut self,
+        width: usize,
+        map: &mut [f32],
+        is_consistent: impl Fn(usize) -> bool + Sync,
+        step: f32,
+        min_px: usize,
+    ) {
         if min_px <= 1 || map.is_empty() {
             return;
         }
@@ -29,8 +36,13 @@ impl SpeckleFilter {
         let (upper_sizes, lower_sizes) = self.sizes.split_at_mut(middle);
         let input = &*map;
         rayon::join(
-            || grow(width, 0, upper, upper_sizes, &input[..middle], step),
-            || grow(width, middle, lower, lower_sizes, &input[middle..], step),
+            || join_rows(width, 0, upper, &input[..middle], step),
+            || join_rows(width, middle, lower, &input[middle..], step),
+        );
+        let counts = &is_consistent;
+        rayon::join(
+            || count_pixels(0, upper, upper_sizes, counts),
+            || count_pixels(middle, lower, lower_sizes, counts),
         );
         // Join across the seam. Only the roots of regions change.
         if middle > 0 {
@@ -59,16 +71,20 @@ impl SpeckleFilter {
     }
 }
 
-/// Labels the regions of consecutive rows, whose first pixel has the index `base`. Every parent is
-/// the root of its region, and `sizes` holds the size of the region at the root.
-fn grow(width: usize, base: usize, parents: &mut [u32], sizes: &mut [u32], map: &[f32], step: f32) {
-    join_rows(width, base, parents, map, step);
+/// Makes every parent the root of its region, and counts the consistent pixels of a region at its
+/// root. The first pixel has the index `base`.
+fn count_pixels(
+    base: usize,
+    parents: &mut [u32],
+    sizes: &mut [u32],
+    is_consistent: &(impl Fn(usize) -> bool + Sync),
+) {
     sizes.fill(0);
     for i in 0..parents.len() {
         // The parents of earlier pixels are roots already.
         let root = parents[parents[i] as usize - base];
         parents[i] = root;
-        sizes[root as usize - base] += 1;
+        sizes[root as usize - base] += u32::from(is_consistent(base + i));
     }
 }
 
@@ -116,7 +132,13 @@ mod tests {
     use crate::reference::Random;
 
     /// Reference implementation: flood fill from every pixel.
-    fn reference(width: usize, map: &[f32], step: f32, min_px: usize) -> Vec<f32> {
+    fn reference(
+        width: usize,
+        map: &[f32],
+        is_consistent: impl Fn(usize) -> bool,
+        step: f32,
+        min_px: usize,
+    ) -> Vec<f32> {
         let height = map.len() / width;
         let min_speckle_px = |from: usize| {
             let mut input = vec![false; map.len()];
@@ -124,7 +146,7 @@ mod tests {
             input[from] = true;
             let mut size = 0;
             while let Some(i) = open.pop() {
-                size += 1;
+                size += usize::from(is_consistent(i));
                 let (x, y) = (i % width, i / width);
                 let mut near = Vec::new();
                 near.extend((x > 0).then(|| i - 1));
@@ -163,8 +185,9 @@ mod tests {
                     })
                     .collect();
                 let mut found = map.clone();
-                speckle_filter.remove(width, &mut found, 1.0, min_px);
-                let expected = reference(width, &map, 1.0, min_px);
+                let is_consistent = |i: usize| i % 5 > 0;
+                speckle_filter.remove(width, &mut found, is_consistent, 1.0, min_px);
+                let expected = reference(width, &map, is_consistent, 1.0, min_px);
                 let same = |(a, b): (&f32, &f32)| a == b || (a.is_nan() && b.is_nan());
                 assert!(found.iter().zip(&expected).all(same), "{width} {min_px}");
             }

@@ -19,7 +19,9 @@ pub(super) fn draw(report: &Map<String, Value>) -> Result<Vec<(String, String)>>
         let found = &entry["found"];
         let drawn = match part.as_str() {
             "motorcycle" => race(found, "Motorcycle Q, a real pair"),
+            "halved" => race(found, "Motorcycle Q at half its size, a real pair"),
             "simulated" => race(found, "simulated walks, by day and at night"),
+            "imperfect" => race(found, "simulated walks with imperfect pairs"),
             "bands" => Ok(vec![("bands".to_owned(), bands(found))]),
             "sigma" => Ok(vec![("sigma".to_owned(), sigma(found))]),
             _ => continue,

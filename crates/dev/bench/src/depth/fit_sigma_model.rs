@@ -1,4 +1,4 @@
-//! Test of the stated sigmas, and fit of their tables.
+//! Test of the stated sigmas, in every quarter of the stated sigma, and fit of their tables.
 
 use anyhow::{Context, Result};
 use depth::evaluate::Scores;
@@ -7,6 +7,7 @@ use depth::{Band, Config, Matcher, Preset};
 use serde_json::{Value, json};
 
 use super::frames::Frame;
+use super::imperfect;
 use super::test_set::{self, Found, Place};
 
 /// Sampling stride, pixels.
@@ -25,6 +26,7 @@ pub(super) fn fit() -> Result<String> {
         for preset in presets {
             for (k, (_, frame)) in frames.iter().enumerate() {
                 samples.extend(samples_of(*preset, frame, k)?);
+                samples.extend(samples_of(*preset, &imperfect::FITTED.apply(frame), k)?);
             }
         }
         let model = Model::fit(&samples).context("too few samples")?;
@@ -42,6 +44,8 @@ fn samples_of(preset: Preset, frame: &Frame, number: usize) -> Result<Vec<Sample
     // Results of smaller images use the same model.
     let mut config = Config::preset(preset);
     config.downsample = None;
+    // What the pair does not show is added to the sigma of the model.
+    (config.column_offset_sigma_px, config.column_offset_ratio) = (0.0, 0.0);
     let mut matcher = Matcher::new(config, frame.width, frame.height)?.with_evidence();
     matcher.run(&left, &right, &Band::full(0, frame.range, frame.height)?)?;
     let map = matcher.map();
@@ -62,10 +66,70 @@ pub(super) struct Group {
     pub(super) name: String,
     pub(super) preset: Preset,
     pub(super) scores: Scores,
+    /// Sigma of each disparity that counts, and whether the error is within two of it.
+    pub(super) sigmas: Vec<(f32, bool)>,
 }
 
+/// Parts of equal size, from the smallest to the largest sigma.
+const PARTS: usize = 4;
+
 impl Group {
-    pub(super) fn json(&self) -> Value {
+    fn new(name: &str, preset: Preset) -> Self {
+        Self {
+            name: name.to_owned(),
+            preset,
+            scores: Scores::default(),
+            sigmas: Vec::new(),
+        }
+    }
+
+    /// Matches a frame and adds its scores.
+    fn add(&mut self, frame: &Frame) -> Result<()> {
+        let [left, right] = frame.images();
+        let config = Config::preset(self.preset);
+        let mut matcher = Matcher::new(config, frame.width, frame.height)?;
+        let map = matcher.run(&left, &right, &Band::full(0, frame.range, frame.height)?)?;
+        self.scores.add(&Scores::of(map, frame.truth())?);
+        for i in 0..map.disparity.len() {
+            let error = (map.disparity[i] - frame.truth[i]).abs();
+            if frame.visible[i] && !error.is_nan() {
+                self.sigmas
+                    .push((map.sigma[i], error <= 2.0 * map.sigma[i]));
+            }
+        }
+        Ok(())
+    }
+
+    /// Sorts by sigma and gives the median, px, and the share within two sigmas of each part.
+    fn finish(&mut self) -> (f32, [f64; PARTS]) {
+        self.sigmas.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
+        let count = self.sigmas.len();
+        let median = self
+            .sigmas
+            .get(count / 2)
+            .map_or(f32::NAN, |(sigma, _)| *sigma);
+        let parts = std::array::from_fn(|k| {
+            let part = &self.sigmas[k * count / PARTS..(k + 1) * count / PARTS];
+            let within = part.iter().filter(|(_, within)| *within).count();
+            within as f64 / part.len().max(1) as f64
+        });
+        (median, parts)
+    }
+
+    fn json(&mut self) -> Value {
+        let (median, parts) = self.finish();
+        println!(
+            "sigma: {:32} {:9} {:.1} % within two, in quarters {:.1} {:.1} {:.1} {:.1}, median {median:.3} px, density {:.3}, bad-2 {:.2} %",
+            self.name,
+            self.preset.name(),
+            100.0 * self.scores.coverage(),
+            100.0 * parts[0],
+            100.0 * parts[1],
+            100.0 * parts[2],
+            100.0 * parts[3],
+            self.scores.density(),
+            100.0 * self.scores.bad_ratio(2)
+        );
         json!({
             "frames": self.name,
             "preset": self.preset.name(),
@@ -75,50 +139,51 @@ impl Group {
             "bad_2": self.scores.bad_ratio(2),
             "mean_error_px": self.scores.mean_error_px(),
             "within_two_sigma": self.scores.coverage(),
+            "within_two_sigma_in_quarters": parts,
+            "median_sigma_px": median,
         })
     }
 }
 
 /// All of them.
-pub(super) fn json(groups: &[Group]) -> Value {
-    for group in groups {
-        println!(
-            "sigma: {:24} {:9} {:.1} % within two, density {:.3}, bad-2 {:.2} %",
-            group.name,
-            group.preset.name(),
-            100.0 * group.scores.coverage(),
-            group.scores.density(),
-            100.0 * group.scores.bad_ratio(2)
-        );
-    }
-    Value::Array(groups.iter().map(Group::json).collect())
+pub(super) fn json(groups: &mut [Group]) -> Value {
+    Value::Array(groups.iter_mut().map(Group::json).collect())
 }
 
 /// Scores of each preset on each walk.
+///
+/// # Errors
+/// A frame that cannot be matched.
 pub(super) fn check(places: &[Place], frames: &[Found]) -> Result<Vec<Group>> {
     let mut groups = Vec::new();
     for preset in Preset::ALL {
         for (k, place) in places.iter().enumerate() {
-            let mut scores = Scores::default();
+            let mut group = Group::new(&place.name(), preset);
             for (_, frame) in frames.iter().filter(|(of, _)| *of == k) {
-                scores.add(&score(preset, frame)?);
+                group.add(frame)?;
             }
-            groups.push(Group {
-                name: place.name(),
-                preset,
-                scores,
-            });
+            groups.push(group);
         }
     }
     Ok(groups)
 }
 
-/// Scores of a preset on a frame.
-pub(super) fn score(preset: Preset, frame: &Frame) -> Result<Scores> {
-    let [left, right] = frame.images();
-    let mut matcher = Matcher::new(Config::preset(preset), frame.width, frame.height)?;
-    let map = matcher.run(&left, &right, &Band::full(0, frame.range, frame.height)?)?;
-    Ok(Scores::of(map, frame.truth())?)
+/// Scores of each preset on all frames with each of the imperfections.
+///
+/// # Errors
+/// A frame that cannot be matched.
+pub(super) fn imperfect(frames: &[Found]) -> Result<Vec<Group>> {
+    let mut groups = Vec::new();
+    for preset in Preset::ALL {
+        for (name, imperfections) in imperfect::TESTED {
+            let mut group = Group::new(&format!("imperfect: {name}"), preset);
+            for (_, frame) in frames {
+                group.add(&imperfections.apply(frame))?;
+            }
+            groups.push(group);
+        }
+    }
+    Ok(groups)
 }
 
 /// Scores of each preset on one frame.
@@ -127,11 +192,9 @@ pub(super) fn score(preset: Preset, frame: &Frame) -> Result<Scores> {
 /// A frame that cannot be matched.
 pub(super) fn alone(frame: &Frame) -> Result<Vec<Group>> {
     let group = |preset: Preset| {
-        Ok(Group {
-            name: frame.name.clone(),
-            preset,
-            scores: score(preset, frame)?,
-        })
+        let mut group = Group::new(&frame.name, preset);
+        group.add(frame)?;
+        Ok(group)
     };
     Preset::ALL.into_iter().map(group).collect()
 }

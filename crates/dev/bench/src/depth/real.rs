@@ -69,8 +69,37 @@ pub(crate) fn motorcycle(folder: &Path) -> Result<Frame> {
     })
 }
 
+/// The pair reduced to half of its size by area: its texture is finer and has less noise.
+pub(crate) fn halved(frame: &Frame) -> Frame {
+    let (width, height) = (frame.width / 2, frame.height / 2);
+    let places = || (0..height).flat_map(|y| (0..width).map(move |x| 2 * (y * frame.width + x)));
+    let near = |at: usize| [at, at + 1, at + frame.width, at + frame.width + 1];
+    let eye = |pixels: &[u8]| -> Vec<u8> {
+        let sum = |at: usize| near(at).map(|k| u16::from(pixels[k])).iter().sum::<u16>();
+        places().map(|at| ((sum(at) + 2) / 4) as u8).collect()
+    };
+    Frame {
+        name: format!("{} halved", frame.name),
+        width,
+        height,
+        eyes: [eye(&frame.eyes[0]), eye(&frame.eyes[1])],
+        truth: places().map(|at| 0.5 * frame.truth[at]).collect(),
+        visible: places()
+            .map(|at| near(at).iter().all(|k| frame.visible[*k]))
+            .collect(),
+        range: (frame.range / 2).next_multiple_of(16),
+        geometry: Geometry {
+            focal_px: 0.5 * frame.geometry.focal_px,
+            center: frame.geometry.center.map(|at| 0.5 * (at - 0.5)),
+            baseline_m: frame.geometry.baseline_m,
+            offset_px: 0.5 * frame.geometry.offset_px,
+        },
+        world_from_left: frame.world_from_left,
+    }
+}
+
 /// An image file as gray levels (BT.601).
-fn grey_png(path: &Path) -> Result<Vec<u8>> {
+pub(super) fn grey_png(path: &Path) -> Result<Vec<u8>> {
     let mut decoder = png::Decoder::new(std::io::BufReader::new(fs::File::open(path)?));
     decoder.set_transformations(png::Transformations::normalize_to_color8());
     let mut reader = decoder.read_info()?;
@@ -124,4 +153,94 @@ fn pfm(path: &Path, [width, height]: [usize; 2]) -> Result<Vec<f32>> {
     Ok(rows
         .map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]]))
         .collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use depth::evaluate::Scores;
+    use depth::{Band, Config, DisparityMap, MatchStats, Matcher, Preset};
+
+    use super::super::{motorcycle, race::BAD_2};
+    use super::*;
+
+    fn matched(frame: &Frame, config: Config) -> (DisparityMap, MatchStats, Scores) {
+        let [left, right] = frame.images();
+        let mut matcher = Matcher::new(config, frame.width, frame.height).unwrap();
+        let band = Band::full(0, frame.range, frame.height).unwrap();
+        let map = matcher.run(&left, &right, &band).unwrap().clone();
+        let scores = Scores::of(&map, frame.truth()).unwrap();
+        (map, matcher.stats().clone(), scores)
+    }
+
+    #[test]
+    fn fine_texture_is_not_matched_as_noise() {
+        let Some(frame) = motorcycle().unwrap() else {
+            return;
+        };
+        let (_, stats, scores) = matched(&halved(&frame), Config::default());
+        assert!(!stats.is_noisy, "{:?}", stats.noise);
+        // Matched as a noisy pair.
+        let noisy = Config {
+            min_noise: 0.0,
+            smoothed_noise: [0.0, 0.01],
+            ..Config::default()
+        };
+        let (_, _, worse) = matched(&halved(&frame), noisy);
+        assert!(scores.bad_ratio(BAD_2) < 0.75 * worse.bad_ratio(BAD_2));
+    }
+
+    #[test]
+    fn rows_of_a_real_pair_are_aligned() {
+        let Some(frame) = motorcycle().unwrap() else {
+            return;
+        };
+        let (_, stats, aligned) = matched(&frame, Config::default());
+        // The set gives the row offsets: 0.23 px root mean square.
+        assert!((0.13..0.35).contains(&stats.row_offset_px), "{stats:?}");
+        let as_it_is = Config {
+            min_row_offset_px: 9.0,
+            ..Config::default()
+        };
+        let (_, stats, worse) = matched(&frame, as_it_is);
+        assert_eq!(stats.row_offset_px, 0.0);
+        assert!(aligned.bad_ratio(1) < 0.75 * worse.bad_ratio(1));
+        assert!(aligned.density() > worse.density());
+    }
+
+    #[test]
+    fn errors_are_within_the_stated_sigmas_in_every_quarter() {
+        let Some(frame) = motorcycle().unwrap() else {
+            return;
+        };
+        for frame in [halved(&frame), frame] {
+            let (map, ..) = matched(&frame, Config::default());
+            let mut errors: Vec<[f32; 2]> = (0..map.disparity.len())
+                .filter(|i| frame.visible[*i])
+                .map(|i| [map.sigma[i], (map.disparity[i] - frame.truth[i]).abs()])
+                .filter(|[sigma, error]| !sigma.is_nan() && !error.is_nan())
+                .collect();
+            errors.sort_by(|a, b| a[0].total_cmp(&b[0]));
+            for quarter in errors.chunks(errors.len().div_ceil(4)) {
+                let within = quarter
+                    .iter()
+                    .filter(|[sigma, error]| error <= &(2.0 * sigma));
+                let ratio = within.count() as f64 / quarter.len() as f64;
+                assert!((0.93..0.99).contains(&ratio), "{}: {ratio}", frame.name);
+            }
+        }
+    }
+
+    #[test]
+    fn accurate_has_smaller_errors_than_balanced() {
+        let Some(frame) = motorcycle().unwrap() else {
+            return;
+        };
+        for frame in [halved(&frame), frame] {
+            let [balanced, accurate] = [Preset::Balanced, Preset::Accurate]
+                .map(|preset| matched(&frame, Config::preset(preset)).2);
+            assert!(accurate.mean_error_px() < balanced.mean_error_px());
+            assert!(accurate.bad_ratio(BAD_2) < balanced.bad_ratio(BAD_2));
+            assert_eq!(accurate.density(), balanced.density());
+        }
+    }
 }

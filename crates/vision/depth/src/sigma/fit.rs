@@ -4,7 +4,7 @@
 //! Econometrica 1978) over an additive model by coordinate descent: given the other components, the
 //! optimal entry of a class is the quantile of its residuals.
 
-use super::{CLASSES, Evidence, KINDS, MIN_ERROR_PX, Model, class};
+use super::{CLASSES, Evidence, KINDS, LR_DIFFERENCE, MIN_ERROR_PX, Model, class};
 
 /// A disparity whose error is known.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -17,13 +17,15 @@ pub struct Sample {
 
 /// Fraction of errors that must be below two sigma.
 const QUANTILE: f64 = 0.95;
+/// Upper edges of the classes of the left-right difference, px: most differences are 0 or 1.
+const LR_DIFFERENCE_EDGES: [f32; CLASSES - 1] = [1.0, 2.0, 3.0, 4.0, 6.0, 8.0, 16.0, 32.0, 64.0];
 /// Number of passes over all components.
 const ITERATIONS: usize = 8;
 /// Minimum number of samples of a class; smaller classes take the entry of a neighbor.
 const MIN_SAMPLES: usize = 50;
 
 impl Model {
-    /// Fits a model; `None` if there are too few samples.
+    /// Fits a model; `None` if there are too few samples. Samples with NaN do not count.
     ///
     /// ```
     /// use depth::sigma::{Evidence, Model, Sample};
@@ -32,8 +34,7 @@ impl Model {
     /// let sample = |i: u32| {
     ///     let (margin, most) = if i % 2 == 0 { (0.01, 4.0) } else { (1.0, 0.4) };
     ///     let share = (i / 2 % 100) as f32 / 100.0;
-    ///     let evidence =
-    ///         Evidence { second_best_margin: margin, cost_slope: 0.5, disparity_range_px: 1.0, density: 1.0 };
+    ///     let evidence = Evidence { second_best_margin: margin, ..Evidence::default() };
     ///     Sample { evidence, error_px: most * share }
     /// };
     /// let samples: Vec<Sample> = (0..4000).map(sample).collect();
@@ -46,6 +47,10 @@ impl Model {
     /// # Ok::<(), &str>(())
     /// ```
     pub fn fit(samples: &[Sample]) -> Option<Self> {
+        let is_known = |s: &&Sample| {
+            !s.error_px.is_nan() && s.evidence.kinds().iter().all(|value| !value.is_nan())
+        };
+        let samples: Vec<&Sample> = samples.iter().filter(is_known).collect();
         if samples.len() < MIN_SAMPLES * CLASSES {
             return None;
         }
@@ -61,6 +66,7 @@ impl Model {
                 *edge = values[(k + 1) * values.len() / CLASSES];
             }
         }
+        model.edges[LR_DIFFERENCE] = LR_DIFFERENCE_EDGES;
         let classes: Vec<[usize; KINDS]> = kinds
             .iter()
             .map(|of| std::array::from_fn(|kind| class(&model.edges[kind], of[kind])))

@@ -12,6 +12,7 @@ fn samples(random: &mut Random, count: usize) -> Vec<Sample> {
                 cost_slope: 3.0 * part(),
                 disparity_range_px: 0.0,
                 density: part(),
+                ..Evidence::default()
             };
             let error_px = error(&evidence, part());
             Sample { evidence, error_px }
@@ -59,6 +60,7 @@ fn fitted_model_covers_unseen_samples() {
         cost_slope: 2.0,
         disparity_range_px: 0.0,
         density: 0.9,
+        ..Evidence::default()
     };
     for evidence in [
         clear,
@@ -87,6 +89,7 @@ fn infinite_range_gives_a_finite_sigma() {
         cost_slope: 0.0,
         disparity_range_px: f32::NEG_INFINITY,
         density: 0.0,
+        ..Evidence::default()
     };
     assert!(model.sigma_px(&evidence).is_finite());
 }
@@ -98,16 +101,46 @@ fn preset_models_separate_good_from_bad_evidence() {
         cost_slope: 2.0,
         disparity_range_px: 0.5,
         density: 1.0,
+        lr_difference_px: 0.0,
+        correlation: 0.95,
     };
     let bad = Evidence {
         second_best_margin: 0.1,
         cost_slope: 0.1,
         disparity_range_px: 5.0,
         density: 0.2,
+        lr_difference_px: 8.0,
+        correlation: 0.2,
     };
     for paths in [Paths::Three, Paths::Eight] {
         let model = Model::of(paths);
         assert!(model.sigma_px(&good) < 0.4, "{}", model.sigma_px(&good));
         assert!(model.sigma_px(&bad) > 3.0, "{}", model.sigma_px(&bad));
+    }
+}
+
+#[test]
+fn unknown_evidence_gives_a_large_sigma() {
+    let known = Evidence {
+        second_best_margin: 4.0,
+        cost_slope: 2.0,
+        disparity_range_px: 0.5,
+        density: 1.0,
+        lr_difference_px: 0.0,
+        correlation: 0.95,
+    };
+    let model = Model::of(Paths::Eight);
+    for unknown in [
+        Evidence {
+            disparity_range_px: f32::NAN,
+            ..known
+        },
+        Evidence {
+            density: f32::NAN,
+            ..known
+        },
+    ] {
+        let ratio = model.sigma_px(&unknown) / model.sigma_px(&known);
+        assert!(ratio > 1.5, "{ratio}");
     }
 }
