@@ -8,7 +8,7 @@
 //! leftmost columns, which the right camera does not see at all disparities, are not counted.
 
 use std::fs;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail, ensure};
 use cad_transforms::RigidTransform;
@@ -79,7 +79,10 @@ impl Drive {
             offset_px: 0.0,
         };
         let poses = matrices(&folder.join("poses.txt"))?;
-        let frames = (0..poses.len().min(most)).map(|k| frame(folder, k, geometry));
+        // There are more poses than pairs.
+        let numbers =
+            (0..poses.len().min(most)).take_while(|k| image(folder, "image_l", *k).exists());
+        let frames = numbers.map(|k| frame(folder, k, geometry));
         Ok(Self {
             geometry,
             frames: frames.collect::<Result<_>>()?,
@@ -155,9 +158,13 @@ pub(super) fn run(folder: &Path, quick: bool) -> Result<Value> {
     Ok(json!({ "frames": drive.frames.len(), "matchers": rows }))
 }
 
+fn image(folder: &Path, eye: &str, number: usize) -> PathBuf {
+    folder.join(eye).join(format!("{number:06}.png"))
+}
+
 fn frame(folder: &Path, number: usize, geometry: Geometry) -> Result<Frame> {
     let read = |eye: &str| {
-        let path = folder.join(eye).join(format!("{number:06}.png"));
+        let path = image(folder, eye, number);
         let (pixels, size) = (grey_png(&path), png_size(&path));
         let at = || format!("reading {}", path.display());
         anyhow::Ok((pixels.with_context(at)?, size.with_context(at)?))
