@@ -33,7 +33,8 @@ pub(crate) struct HalfResolution {
     small: [Vec<u8>; 2],
 }
 
-/// Maximum disparity difference of neighbors on one surface, px of the downsampled image.
+/// Maximum disparity difference of a neighbor on the surface of a pixel, px of the downsampled
+/// image.
 const MAX_STEP_PX: f32 = 1.0;
 
 impl HalfResolution {
@@ -138,42 +139,42 @@ fn shrink(image: &ImageView<'_>, by: [usize; 2], small: &mut Vec<u8>) {
 
 /// Upsamples a map; if columns were halved, disparities are doubled.
 fn enlarge(small: &DisparityMap, by: [usize; 2], map: &mut DisparityMap) {
-    let (width, height) = (small.width, small.height);
     let longer = by[0] as f32;
+    let parents_of_columns: Vec<[usize; 2]> = (0..map.width)
+        .map(|x| parents(x, by[0], small.width))
+        .collect();
     let rows = map.disparity.par_chunks_exact_mut(map.width);
     let rows = rows.zip(map.sigma.par_chunks_exact_mut(map.width));
     rows.enumerate().for_each(|(y, (disparities, sigmas))| {
-        // The parent pixel, and its neighbor on the side of this pixel, with weight 1/4.
-        let parents = |k: usize, by: usize, count: usize| {
-            let own = (k / by).min(count - 1);
-            let other = match (by, k % 2) {
-                (1, _) => own,
-                (_, 0) => own.wrapping_sub(1),
-                (_, _) => own + 1,
-            };
-            (own, if other < count { other } else { own })
-        };
-        let (row, other_row) = parents(y, by[1], height);
-        for x in 0..disparities.len() {
-            let (column, other_column) = parents(x, by[0], width);
-            let own = row * width + column;
-            let of = [
-                small.disparity[own],
-                small.disparity[row * width + other_column],
-                small.disparity[other_row * width + column],
-                small.disparity[other_row * width + other_column],
-            ];
-            let most = of.iter().copied().fold(f32::NEG_INFINITY, f32::max);
-            let least = of.iter().copied().fold(f32::INFINITY, f32::min);
-            let is_whole = of.iter().all(|d| !d.is_nan()) && most - least <= MAX_STEP_PX;
+        let rows = parents(y, by[1], small.height).map(|row| row * small.width);
+        let [row, other_row] = rows.map(|from| &small.disparity[from..from + small.width]);
+        let of_row = &small.sigma[rows[0]..rows[0] + small.width];
+        let to = disparities.iter_mut().zip(sigmas);
+        for ((disparity, sigma), [column, other]) in to.zip(&parents_of_columns) {
+            let own = row[*column];
+            let near = [row[*other], other_row[*column], other_row[*other]];
+            // False for NaN.
+            let is_whole = near.iter().all(|d| (d - own).abs() <= MAX_STEP_PX);
             let value = match is_whole {
-                true => 0.5625 * of[0] + 0.1875 * (of[1] + of[2]) + 0.0625 * of[3],
-                false => of[0],
+                true => 0.5625 * own + 0.1875 * (near[0] + near[1]) + 0.0625 * near[2],
+                false => own,
             };
-            disparities[x] = longer * value;
-            sigmas[x] = longer * small.sigma[own];
+            *disparity = longer * value;
+            *sigma = longer * of_row[*column];
         }
     });
+}
+
+/// Parent of a pixel along a side that was reduced `by` times to `count`, and the neighbor of the
+/// parent on the side of the pixel, whose weight is 1/4.
+fn parents(k: usize, by: usize, count: usize) -> [usize; 2] {
+    let own = (k / by).min(count - 1);
+    let other = match (by, k % 2) {
+        (1, _) => own,
+        (_, 0) => own.wrapping_sub(1),
+        (_, _) => own + 1,
+    };
+    [own, if other < count { other } else { own }]
 }
 
 #[cfg(test)]

@@ -115,7 +115,34 @@ impl Drive {
     }
 }
 
-/// Density and confirmed share of our presets and of SGBM.
+/// Maps with the smallest sigmas of all only, so that this share of the counted pixels has a
+/// disparity; unchanged where there are fewer.
+fn with_density(maps: &[DisparityMap], density: f64) -> Vec<DisparityMap> {
+    let counted = |map: &DisparityMap, i: usize| i % map.width >= RANGE;
+    let mut sigmas: Vec<f32> = Vec::new();
+    let mut pixels = 0;
+    for map in maps {
+        let own = (0..map.sigma.len()).filter(|i| counted(map, *i));
+        pixels += own.clone().count();
+        sigmas.extend(own.map(|i| map.sigma[i]).filter(|sigma| !sigma.is_nan()));
+    }
+    sigmas.sort_unstable_by(f32::total_cmp);
+    let most = (density * pixels as f64) as usize;
+    let limit = sigmas.get(most).copied().unwrap_or(f32::INFINITY);
+    let limited = maps.iter().map(|map| {
+        let mut map = map.clone();
+        for (disparity, sigma) in map.disparity.iter_mut().zip(&map.sigma) {
+            if *sigma > limit {
+                *disparity = f32::NAN;
+            }
+        }
+        map
+    });
+    limited.collect()
+}
+
+/// Density and confirmed share of our presets and of SGBM; beside each of SGBM's, that of
+/// `balanced` at the same density.
 ///
 /// # Errors
 /// A file that cannot be read, or Python fails.
@@ -152,8 +179,12 @@ pub(super) fn run(folder: &Path, quick: bool) -> Result<Value> {
             maps.push(map);
         }
     }
+    let balanced = drive.match_all(Config::default())?;
     for (config, maps) in peers_used.iter().zip(maps) {
         add(config.name(), &maps);
+        let density = drive.count(&maps).density();
+        let name = format!("balanced at the density of {}", config.name());
+        add(name, &with_density(&balanced, density));
     }
     Ok(json!({ "frames": drive.frames.len(), "matchers": rows }))
 }
