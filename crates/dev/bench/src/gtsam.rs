@@ -42,8 +42,8 @@ const ITERATIONS: usize = 10;
 /// their residuals at the true poses have a median of 1.05 px, and a tenth of them is above 16 px.
 const OBSERVATION_SIGMA_PX: f64 = 1.0;
 /// Standard deviations of the first state: position m, rotation rad, velocity m/s, biases of
-/// gyroscope rad/s and accelerometer m/s². The true orientations deviate by degrees from what the
-/// accelerometer measures at rest (`bench odometry`, part `euroc`).
+/// gyroscope rad/s and accelerometer m/s². The true orientations deviate by half a degree from
+/// what the accelerometer measures at rest (`bench odometry`, part `euroc`).
 const FIRST_SIGMAS: [f64; 5] = [1e-3, 0.05, 0.05, 0.1, 0.15];
 /// Gravity of our back end, m/s².
 const GRAVITY: f64 = 9.806_65;

@@ -66,7 +66,7 @@ pub struct Keyframe {
     pub imu_valid: bool,
     /// Estimated error of the stereo calibration of each camera, see
     /// [`RefinedStereo::error`](crate::mapping::RefinedStereo::error).
-    pub stereo_errors: Vec<[f64; 6]>,
+    pub stereo_errors: Vec<[f64; 7]>,
     /// Exposure offset of the middle row of each camera against the state, s; 0 without a frame.
     pub exposure_offset_s: Vec<f64>,
     /// Observations of tracked features.

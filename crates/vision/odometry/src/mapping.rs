@@ -11,7 +11,7 @@ use std::collections::BTreeMap;
 
 use cad_transforms::RigidTransform;
 use camera_models::Eye as Side;
-use nalgebra::{DMatrix, Matrix6, UnitQuaternion, Vector6};
+use nalgebra::{DMatrix, Matrix6, UnitQuaternion};
 
 use crate::backend::covariance::{in_rig_frame, tilt_uncertainty};
 use crate::backend::extrinsics::ExtrinsicsPrior;
@@ -382,7 +382,7 @@ impl Mapping {
         let mut cameras = self.cameras.clone();
         if let Some(last) = self.keyframes.last() {
             for (camera, error) in cameras.iter_mut().zip(&last.stereo_errors) {
-                stereo::apply_error(camera, &Vector6::from(*error));
+                stereo::apply_error(camera, &(*error).into());
             }
         }
         let mut landmarks = BTreeMap::new();

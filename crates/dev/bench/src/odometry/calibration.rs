@@ -121,7 +121,7 @@ struct Point {
     /// Number of cameras whose calibration is reported as wrong.
     reported: usize,
     /// Estimated error of each camera, with its sigmas; see `odometry::mapping::RefinedStereo`.
-    estimates: Vec<[[f64; 6]; 2]>,
+    estimates: Vec<[[f64; 7]; 2]>,
 }
 
 /// Errors of a trajectory, and what it states of them.
@@ -211,7 +211,7 @@ fn point(
     Ok(point)
 }
 
-fn estimates(refined: &Refined) -> Vec<[[f64; 6]; 2]> {
+fn estimates(refined: &Refined) -> Vec<[[f64; 7]; 2]> {
     let each = refined.stereo.iter();
     each.map(|stereo| [stereo.error, stereo.sigmas()]).collect()
 }

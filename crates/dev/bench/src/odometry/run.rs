@@ -166,7 +166,7 @@ pub(crate) struct AdjustedRun {
     pub(crate) moved: Vec<String>,
     /// Estimated errors of the stereo calibrations, and their sigmas.
     #[serde(default)]
-    pub(crate) stereo: Vec<[[f64; 6]; 2]>,
+    pub(crate) stereo: Vec<[[f64; 7]; 2]>,
     /// Errors of the refined poses.
     pub(crate) figures: Figures,
 }

@@ -23,7 +23,7 @@ const OBSERVATIONS: &str = "observations.npy";
 const KEYPOINTS: &str = "keypoints.npy";
 
 /// Components of the error of a stereo calibration.
-const STEREO_DIM: usize = 6;
+const STEREO_DIM: usize = 7;
 
 const KEYFRAME_COLUMNS: [Column; 13] = [
     Column("set", Kind::U64, 1),
@@ -77,8 +77,8 @@ pub struct TrackedKeyframe {
     pub exposure_offset_s: Vec<f64>,
     /// Estimated error of each camera's stereo calibration: rotation of the right eye about its x,
     /// y and z axes, rad; baseline, relative; focal length, relative; principal point along x, in
-    /// focal lengths. At most [`MAX_CAMERAS`] values.
-    pub stereo_errors: Vec<[f64; 6]>,
+    /// focal lengths; decentring. At most [`MAX_CAMERAS`] values.
+    pub stereo_errors: Vec<[f64; STEREO_DIM]>,
     /// Observations of tracked features.
     pub observations: Vec<StereoObservation>,
     /// Keypoints for loop closure.

@@ -21,7 +21,11 @@ fn keyframe(k: u64, corners: u64) -> TrackedKeyframe {
         gyro_rate: [0.5, -0.25, s],
         imu_valid: s > 0.0,
         exposure_offset_s: vec![0.0, 0.004, -0.002],
-        stereo_errors: vec![[0.0; 6], [1e-3, -2e-3, 0.0, 0.01, 0.0, 1e-4], [0.0; 6]],
+        stereo_errors: vec![
+            [0.0; 7],
+            [1e-3, -2e-3, 0.0, 0.01, 0.0, 1e-4, 2e-3],
+            [0.0; 7],
+        ],
         observations: (0..corners)
             .map(|n| StereoObservation {
                 track: 1000 * k + n,

@@ -23,7 +23,7 @@ pub(crate) struct Camera {
     pub(crate) right: Lens,
     pub(crate) body_from_left: (Matrix3<f64>, Vector3<f64>),
     /// Map to the right eye with the estimated error of the calibration, see
-    /// [`StereoGeometry::right_from_left`].
+    /// [`StereoGeometry::right_from_left`]; without the decentring, see [`Self::in_right`].
     pub(crate) right_from_left: (Matrix3<f64>, Vector3<f64>),
     pub(crate) stereo: StereoGeometry,
     pub(crate) line_s: f64,
@@ -83,6 +83,13 @@ impl Camera {
         (f64::from(y) - 0.5 * (rows - 1.0)) * self.line_s
     }
 
+    /// A point in the left frame, scaled by its inverse range, as the nominal lens of the right eye
+    /// sees it.
+    pub(crate) fn in_right(&self, x: &Vector3<f64>, rho: f64) -> Vector3<f64> {
+        let (rotation, origin) = &self.right_from_left;
+        self.stereo.decentre(rotation * x + origin * rho)
+    }
+
     /// Triangulates: inverse range along the left ray, and the remaining epipolar error in the
     /// right image, px.
     pub(crate) fn triangulate(
@@ -95,7 +102,7 @@ impl Camera {
         // Perpendicular to the right ray: basis (ray + rho origin) = 0.
         let (a, b) = (right.basis * origin, right.basis * ray);
         let rho = -a.dot(&b) / a.norm_squared();
-        let x = ray + origin * rho;
+        let x = self.stereo.decentre(ray + origin * rho);
         (rho, (right.basis * x / x.norm()).norm())
     }
 }

@@ -15,8 +15,8 @@ use crate::backend::observation::{
     BearingMeasurement, BearingObservation, Camera, CameraPose, transfer,
 };
 use crate::backend::state::{Error, POSE_DIM, STATE_DIM};
-use crate::backend::stereo;
-use crate::backend::window::{Landmark, Window};
+use crate::backend::stereo::{self, STEREO_DIM, StereoVector};
+use crate::backend::window::{Landmark, Window, compact_row};
 use crate::config::BackendConfig;
 
 /// Number of landmarks per piece.
@@ -27,6 +27,7 @@ pub(crate) const MIN_INVERSE_RANGE_PER_M: f64 = 1e-4;
 pub(crate) type PoseVector = SVector<f64, POSE_DIM>;
 pub(crate) type PoseMatrix = SMatrix<f64, POSE_DIM, POSE_DIM>;
 pub(super) type ByPose = SMatrix<f64, 2, POSE_DIM>;
+type ByStereo = SMatrix<f64, 2, STEREO_DIM>;
 
 /// Linearized problem: information matrix and gradient of all frames, landmarks eliminated.
 pub(crate) struct LinearSystem {
@@ -45,14 +46,19 @@ pub(crate) struct LandmarkBlock {
     gradient: f64,
     /// Coupling to poses of frames and extrinsics of cameras, in the order of [`Window::blocks`].
     by: Vec<(usize, PoseVector)>,
+    /// Coupling to stereo calibrations.
+    by_stereo: Vec<(usize, StereoVector)>,
 }
 
-impl LandmarkBlock {
-    fn add(&mut self, block: usize, by: &PoseVector) {
-        match self.by.iter_mut().find(|(b, _)| *b == block) {
-            Some((_, sum)) => *sum += by,
-            None => self.by.push((block, *by)),
-        }
+/// Adds to the coupling to a block.
+fn add_coupling<const N: usize>(
+    couplings: &mut Vec<(usize, SVector<f64, N>)>,
+    block: usize,
+    by: &SVector<f64, N>,
+) {
+    match couplings.iter_mut().find(|(b, _)| *b == block) {
+        Some((_, sum)) => *sum += by,
+        None => couplings.push((block, *by)),
     }
 }
 
@@ -74,26 +80,39 @@ pub(crate) fn huber(huber_sigma: f64, squared_residual: f64) -> (f64, f64) {
 /// extrinsics and of stereo calibrations.
 pub(crate) trait NormalEquations {
     /// Adds a block of the information matrix, on or above the diagonal.
-    fn add(&mut self, row: usize, column: usize, block: &PoseMatrix);
+    fn add<const R: usize, const C: usize>(
+        &mut self,
+        row: usize,
+        column: usize,
+        block: &SMatrix<f64, R, C>,
+    );
     /// Adds to the gradient of a block.
-    fn add_gradient(&mut self, row: usize, rows: &PoseVector);
+    fn add_gradient<const R: usize>(&mut self, row: usize, rows: &SVector<f64, R>);
 }
 
 /// Dense normal equations, for few frames that observe mostly the same landmarks.
 struct Dense {
+    /// Number of blocks before those of stereo calibrations.
+    poses: usize,
     information: DMatrix<f64>,
     gradient: DVector<f64>,
 }
 
 impl NormalEquations for Dense {
-    fn add(&mut self, row: usize, column: usize, block: &PoseMatrix) {
-        let mut view = (self.information)
-            .fixed_view_mut::<POSE_DIM, POSE_DIM>(row * POSE_DIM, column * POSE_DIM);
+    fn add<const R: usize, const C: usize>(
+        &mut self,
+        row: usize,
+        column: usize,
+        block: &SMatrix<f64, R, C>,
+    ) {
+        let at = [row, column].map(|block| compact_row(self.poses, block));
+        let mut view = (self.information).fixed_view_mut::<R, C>(at[0], at[1]);
         view += block;
     }
 
-    fn add_gradient(&mut self, row: usize, rows: &PoseVector) {
-        let mut view = self.gradient.fixed_rows_mut::<POSE_DIM>(row * POSE_DIM);
+    fn add_gradient<const R: usize>(&mut self, row: usize, rows: &SVector<f64, R>) {
+        let at = compact_row(self.poses, row);
+        let mut view = self.gradient.fixed_rows_mut::<R>(at);
         view += rows;
     }
 }
@@ -118,7 +137,7 @@ pub(super) struct Residual {
     pub(super) by_x: SMatrix<f64, 2, 3>,
     by_rho: Vector2<f64>,
     /// By the error of the stereo calibration; zero in the left image.
-    by_stereo: ByPose,
+    by_stereo: ByStereo,
     weight: f64,
     cost: f64,
 }
@@ -145,7 +164,7 @@ pub(super) fn residuals(
             residual,
             by_x,
             by_rho,
-            by_stereo: ByPose::zeros(),
+            by_stereo: ByStereo::zeros(),
             weight: weight / (observation_sigma_px * observation_sigma_px),
             cost,
         }
@@ -154,7 +173,7 @@ pub(super) fn residuals(
         residual: Vector2::zeros(),
         by_x: SMatrix::zeros(),
         by_rho: Vector2::zeros(),
-        by_stereo: ByPose::zeros(),
+        by_stereo: ByStereo::zeros(),
         weight: 0.0,
         cost: huber(
             huber_sigma,
@@ -168,7 +187,8 @@ pub(super) fn residuals(
     });
     let right = observation.right.as_ref().map(|right| {
         let (rotation, origin) = &camera.right_from_left;
-        let point = rotation * x + origin * rho;
+        let point = camera.in_right(x, rho);
+        // The decentring changes Jacobians by less than a hundredth.
         let Some((residual, by)) = right.residual(&point) else {
             return saturated(right);
         };
@@ -185,9 +205,9 @@ pub(super) fn residuals(
 const ROWS: usize = 4;
 type ByBlock = SMatrix<f64, ROWS, POSE_DIM>;
 
-/// Maximum number of blocks that an observation depends on: poses of host and target, extrinsics of
-/// both cameras, stereo calibration of the target.
-const MAX_BLOCKS: usize = 5;
+/// Maximum number of blocks that an observation depends on, besides the stereo calibration of the
+/// target: poses of host and target, extrinsics of both cameras.
+const MAX_BLOCKS: usize = 4;
 
 /// Linearized residuals of one observation.
 struct ObservationTerms {
@@ -195,7 +215,9 @@ struct ObservationTerms {
     weight: SVector<f64, ROWS>,
     by_rho: SVector<f64, ROWS>,
     by_x: SMatrix<f64, ROWS, 3>,
-    by_stereo: ByBlock,
+    by_stereo: SMatrix<f64, ROWS, STEREO_DIM>,
+    /// Block of the stereo calibration, if the observation depends on it.
+    stereo: Option<usize>,
     cost: f64,
     /// Blocks with their Jacobians, the first `count` of them.
     blocks: [(usize, ByBlock); MAX_BLOCKS],
@@ -209,7 +231,8 @@ impl ObservationTerms {
             weight: SVector::zeros(),
             by_rho: SVector::zeros(),
             by_x: SMatrix::zeros(),
-            by_stereo: ByBlock::zeros(),
+            by_stereo: SMatrix::zeros(),
+            stereo: None,
             cost: 0.0,
             blocks: [(0, ByBlock::zeros()); MAX_BLOCKS],
             count: 0,
@@ -245,13 +268,9 @@ impl ObservationTerms {
         own.gradient += weighted_rho.dot(&self.residual);
         let blocks = &self.blocks[..self.count];
         for (k, (a, by_a)) in blocks.iter().enumerate() {
-            let mut weighted = *by_a;
-            for mut column in weighted.column_iter_mut() {
-                column.component_mul_assign(&self.weight);
-            }
-            let weighted = weighted.transpose();
+            let weighted = self.weighted(by_a);
             sums.add_gradient(*a, &(weighted * self.residual));
-            own.add(*a, &(weighted * self.by_rho));
+            add_coupling(&mut own.by, *a, &(weighted * self.by_rho));
             for (b, by_b) in &blocks[k..] {
                 let block = weighted * by_b;
                 // Only the upper triangle is stored.
@@ -261,7 +280,25 @@ impl ObservationTerms {
                     sums.add(*b, *a, &block.transpose());
                 }
             }
+            if let Some(stereo) = self.stereo {
+                sums.add(*a, stereo, &(weighted * self.by_stereo));
+            }
         }
+        if let Some(stereo) = self.stereo {
+            let weighted = self.weighted(&self.by_stereo);
+            sums.add_gradient(stereo, &(weighted * self.residual));
+            add_coupling(&mut own.by_stereo, stereo, &(weighted * self.by_rho));
+            sums.add(stereo, stereo, &(weighted * self.by_stereo));
+        }
+    }
+
+    /// Transpose of a Jacobian, times the weights.
+    fn weighted<const N: usize>(&self, by: &SMatrix<f64, ROWS, N>) -> SMatrix<f64, N, ROWS> {
+        let mut weighted = *by;
+        for mut column in weighted.column_iter_mut() {
+            column.component_mul_assign(&self.weight);
+        }
+        weighted.transpose()
     }
 }
 
@@ -336,7 +373,7 @@ fn observation_terms(
         terms
     };
     if window.estimates_stereo() && observation.right.is_some() {
-        terms.push(window.stereo_block(observation.camera), terms.by_stereo);
+        terms.stereo = Some(window.stereo_block(observation.camera));
     }
     terms
 }
@@ -367,6 +404,7 @@ fn add(window: &Window, landmark: &Landmark, sums: &mut impl NormalEquations) ->
         terms.add_to(sums, &mut part.own);
     }
     part.own.by.sort_by_key(|(block, _)| *block);
+    part.own.by_stereo.sort_by_key(|(block, _)| *block);
     part
 }
 
@@ -394,6 +432,16 @@ pub(crate) fn accumulate<S: NormalEquations>(
                 for (b, by_b) in &own.by[i..] {
                     accumulate.sums.add(*a, *b, &-(scaled * by_b.transpose()));
                 }
+                for (b, by_b) in &own.by_stereo {
+                    accumulate.sums.add(*a, *b, &-(scaled * by_b.transpose()));
+                }
+                accumulate.sums.add_gradient(*a, &(-scaled * own.gradient));
+            }
+            for (i, (a, by_a)) in own.by_stereo.iter().enumerate() {
+                let scaled = by_a * inverse;
+                for (b, by_b) in &own.by_stereo[i..] {
+                    accumulate.sums.add(*a, *b, &-(scaled * by_b.transpose()));
+                }
                 accumulate.sums.add_gradient(*a, &(-scaled * own.gradient));
             }
         }
@@ -417,49 +465,33 @@ pub(crate) fn linearize(
     let mut gradient = DVector::zeros(size);
     let mut cost = 0.0;
     let mut landmark_blocks = Vec::with_capacity(landmarks.len());
+    let compact_size = window.compact_row_of(blocks);
     let empty = || Dense {
-        information: DMatrix::zeros(blocks * POSE_DIM, blocks * POSE_DIM),
-        gradient: DVector::zeros(blocks * POSE_DIM),
+        poses: window.stereo_block(0),
+        information: DMatrix::zeros(compact_size, compact_size),
+        gradient: DVector::zeros(compact_size),
     };
     let pieces: Vec<Accumulated<Dense>> = landmarks
         .par_chunks(LANDMARKS_PER_PIECE)
         .map(|landmarks| accumulate(window, landmarks, damping, empty()))
         .collect();
+    let mut compact = empty();
     for accumulate in pieces {
-        for a in 0..blocks {
-            let row = window.row_of(a);
-            for b in a..blocks {
-                let block = (accumulate.sums.information)
-                    .fixed_view::<POSE_DIM, POSE_DIM>(a * POSE_DIM, b * POSE_DIM);
-                let mut view =
-                    information.fixed_view_mut::<POSE_DIM, POSE_DIM>(row, window.row_of(b));
-                view += block;
-            }
-            let rows = accumulate
-                .sums
-                .gradient
-                .fixed_rows::<POSE_DIM>(a * POSE_DIM);
-            let mut view = gradient.fixed_rows_mut::<POSE_DIM>(row);
-            view += rows;
-        }
+        compact.information += accumulate.sums.information;
+        compact.gradient += accumulate.sums.gradient;
         cost += accumulate.cost;
         landmark_blocks.extend(accumulate.landmark_blocks);
     }
-    for a in 0..blocks {
-        let row = window.row_of(a);
-        let block = information
-            .fixed_view::<POSE_DIM, POSE_DIM>(row, row)
-            .into_owned();
-        // Rounding only: diagonal blocks are symmetric by construction.
-        let mut view = information.fixed_view_mut::<POSE_DIM, POSE_DIM>(row, row);
-        view.copy_from(&((block + block.transpose()) * 0.5));
-        for b in a + 1..blocks {
-            let column = window.row_of(b);
-            let block = information
-                .fixed_view::<POSE_DIM, POSE_DIM>(row, column)
-                .transpose();
-            let mut view = information.fixed_view_mut::<POSE_DIM, POSE_DIM>(column, row);
-            view.copy_from(&block);
+    // Rows of poses among those of full states.
+    let rows: Vec<usize> = (0..blocks)
+        .flat_map(|block| (0..window.compact_rows(block)).map(move |k| window.row_of(block) + k))
+        .collect();
+    for (i, row) in rows.iter().enumerate() {
+        gradient[*row] = compact.gradient[i];
+        for (j, column) in rows.iter().enumerate().skip(i) {
+            let value = compact.information[(i, j)];
+            information[(*row, *column)] = value;
+            information[(*column, *row)] = value;
         }
     }
     for k in (1..window.frames.len()).filter(|k| keep(*k)) {
@@ -499,7 +531,7 @@ pub(crate) fn prior_error(window: &Window) -> DVector<f64> {
     let frames = prior.at.len() * STATE_DIM;
     for (k, (at, camera)) in prior.stereo.iter().zip(&window.cameras).enumerate() {
         error
-            .fixed_rows_mut::<POSE_DIM>(frames + k * POSE_DIM)
+            .fixed_rows_mut::<STEREO_DIM>(frames + k * STEREO_DIM)
             .copy_from(&(camera.stereo.error - at));
     }
     error
@@ -581,8 +613,7 @@ pub(crate) fn for_each_residual(
             found(k, 0, observation.left.squared_residual(&x) * scale);
         }
         if let Some(right) = &observation.right {
-            let (rotation, origin) = &camera.right_from_left;
-            let x = rotation * x + origin * landmark.rho;
+            let x = camera.in_right(&x, landmark.rho);
             found(k, 1, right.squared_residual(&x) * scale);
         }
     }
@@ -655,7 +686,7 @@ pub(crate) fn optimize_window(
         for k in 0..information.nrows() {
             information[(k, k)] *= 1.0 + 1e-12;
         }
-        let corner = STATE_DIM + window.prior.stereo.len() * POSE_DIM;
+        let corner = STATE_DIM + window.prior.stereo.len() * STEREO_DIM;
         let cholesky = information.cholesky()?;
         Some(NewestCovariance {
             joint: inverse_corner(&cholesky, corner),
@@ -692,7 +723,7 @@ pub(crate) fn apply<'a>(
         extrinsics::apply_error(camera, &step.fixed_rows::<POSE_DIM>(*row).into_owned());
     }
     for (camera, row) in window.cameras.iter_mut().zip(stereo) {
-        stereo::apply_error(camera, &step.fixed_rows::<POSE_DIM>(*row).into_owned());
+        stereo::apply_error(camera, &step.fixed_rows::<STEREO_DIM>(*row).into_owned());
     }
     for (landmark, own) in window.landmarks.values_mut().zip(landmark_blocks) {
         if own.information <= 0.0 {
@@ -701,6 +732,9 @@ pub(crate) fn apply<'a>(
         let mut right = own.gradient;
         for (block, by) in &own.by {
             right += by.dot(&step.fixed_rows::<POSE_DIM>(rows[*block]));
+        }
+        for (block, by) in &own.by_stereo {
+            right += by.dot(&step.fixed_rows::<STEREO_DIM>(rows[*block]));
         }
         landmark.rho = (landmark.rho - right / own.information).max(MIN_INVERSE_RANGE_PER_M);
     }

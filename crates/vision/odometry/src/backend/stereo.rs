@@ -1,27 +1,40 @@
 //! Stereo calibration of a camera as estimated parameters, with their prior.
 //!
-//! The error of the right eye against the left one has six components: `[rotation of the right
+//! The error of the right eye against the left one has seven components: `[rotation of the right
 //! eye about its x, y and z axes, rad; baseline, relative; focal length, relative; principal point
-//! along x, in focal lengths]`. A vertical offset of the principal point acts as a rotation about
-//! x, and a direction of the baseline as a rotation of the eye, to a hundredth of a pixel for
-//! points beyond a metre.
+//! along x, in focal lengths; decentring]`. A vertical offset of the principal point acts as a
+//! rotation about x, and a direction of the baseline as a rotation of the eye, to a hundredth of a
+//! pixel for points beyond a metre.
+//!
+//! The decentring is the coefficient `p2` of the right lens minus that of the left one (Brown
+//! 1966), where it acts across epipolar lines. There it equals a rotation about y, so that rows,
+//! which lenses distort by more than a calibration states, do not determine that rotation.
 //!
 //! A walk determines the error: stereo measures an inverse range, parallax over time its ratio to
 //! those of other points. A rotation about y adds a constant to all inverse ranges, which near and
 //! distant points contradict differently; only the baseline acts on all alike, and needs an IMU.
 
-use nalgebra::{DMatrix, DVector, Matrix3, Matrix6, SMatrix, Vector3, Vector6};
+use nalgebra::{DMatrix, DVector, Matrix3, Matrix6, SMatrix, SVector, Vector3};
 
 use crate::backend::observation::Camera;
-use crate::backend::state::POSE_DIM;
 use crate::config::{BackendConfig, StereoCalibrationConfig};
 use crate::rig::StereoCamera;
 use cad_transforms::so3;
 
-/// Components of the error.
-const FOCAL: usize = 4;
+/// Dimension of the error.
+pub(crate) const STEREO_DIM: usize = 7;
+/// Its components after the rotation.
 const BASELINE: usize = 3;
+const FOCAL: usize = 4;
 const PRINCIPAL_POINT: usize = 5;
+const DECENTRING: usize = 6;
+
+/// Maximum tangent of the angle from the axis at which the decentring is evaluated.
+const MAX_TANGENT: f64 = 2.5;
+
+/// Error of a stereo calibration.
+pub(crate) type StereoVector = SVector<f64, STEREO_DIM>;
+pub(crate) type StereoMatrix = SMatrix<f64, STEREO_DIM, STEREO_DIM>;
 
 /// Stereo geometry: nominal extrinsics of the right eye, and their error.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -29,21 +42,21 @@ pub(crate) struct StereoGeometry {
     /// Nominal rotation and translation: right optical frame from left optical frame.
     nominal: (Matrix3<f64>, Vector3<f64>),
     /// Estimated error, see the module.
-    pub(crate) error: Vector6<f64>,
+    pub(crate) error: StereoVector,
 }
 
 impl StereoGeometry {
     pub(crate) fn new(nominal: (Matrix3<f64>, Vector3<f64>)) -> Self {
         Self {
             nominal,
-            error: Vector6::zeros(),
+            error: StereoVector::zeros(),
         }
     }
 
     /// Linear map from a point in the left frame, scaled by its inverse range, and that inverse
     /// range to the point as the nominal lens of the right eye sees it: `rotation x + origin rho`.
     /// With an error of the focal length the first part is no rotation; its scale has no effect on
-    /// bearings.
+    /// bearings. The decentring is not linear, see [`Self::decentre`].
     pub(crate) fn right_from_left(&self) -> (Matrix3<f64>, Vector3<f64>) {
         let turn = so3::exp(self.error.fixed_rows::<3>(0).into_owned());
         let map = self.lens() * turn.to_rotation_matrix().into_inner();
@@ -70,6 +83,12 @@ impl StereoGeometry {
         )
     }
 
+    /// Applies the decentring to a point in the frame of the right eye.
+    pub(crate) fn decentre(&self, point: Vector3<f64>) -> Vector3<f64> {
+        let across = self.error[DECENTRING] * decentring_per_unit(&point);
+        Vector3::new(point.x, point.y + across, point.z)
+    }
+
     /// Jacobian of a point by the error. The point is as the nominal lens sees it, scaled by its
     /// inverse range `rho`; `origin` is that of [`Self::right_from_left`].
     pub(crate) fn jacobian(
@@ -77,7 +96,7 @@ impl StereoGeometry {
         point: &Vector3<f64>,
         origin: &Vector3<f64>,
         rho: f64,
-    ) -> SMatrix<f64, 3, POSE_DIM> {
+    ) -> SMatrix<f64, 3, STEREO_DIM> {
         let focal = self.error[FOCAL].exp();
         let scaled = Vector3::new(
             point.x - self.error[PRINCIPAL_POINT] * point.z,
@@ -85,13 +104,25 @@ impl StereoGeometry {
             0.0,
         );
         let before_lens = Vector3::new(scaled.x / focal, scaled.y / focal, point.z);
-        let mut by = SMatrix::<f64, 3, POSE_DIM>::zeros();
+        let mut by = SMatrix::<f64, 3, STEREO_DIM>::zeros();
         by.fixed_columns_mut::<3>(0)
             .copy_from(&(-self.lens() * before_lens.cross_matrix()));
         by.set_column(BASELINE, &(origin * rho));
         by.set_column(FOCAL, &scaled);
         by.set_column(PRINCIPAL_POINT, &Vector3::new(point.z, 0.0, 0.0));
+        let decentring = decentring_per_unit(point);
+        by.set_column(DECENTRING, &Vector3::new(0.0, decentring, 0.0));
         by
+    }
+}
+
+/// Motion of a point along y per unit of decentring: `2 x y` at a depth of 1.
+fn decentring_per_unit(point: &Vector3<f64>) -> f64 {
+    let depth = point.z.max(point.xy().norm() / MAX_TANGENT);
+    if depth > 0.0 {
+        2.0 * point.x * point.y / depth
+    } else {
+        0.0
     }
 }
 
@@ -113,12 +144,13 @@ pub(crate) fn prior_information(config: &BackendConfig, cameras: &[StereoCamera]
                 stereo.baseline_sigma,
                 stereo.focal_sigma,
                 stereo.principal_point_sigma,
+                stereo.decentring_sigma,
             ],
             |covariance| stated_sigmas(stereo, camera, covariance),
         )
     });
     let information = sigmas.map(|sigma| (config.covariance.sigma_inflation / sigma).powi(2));
-    let size = cameras.len() * POSE_DIM;
+    let size = cameras.len() * STEREO_DIM;
     DMatrix::from_diagonal(&DVector::from_iterator(size, information))
 }
 
@@ -128,7 +160,7 @@ fn stated_sigmas(
     config: &StereoCalibrationConfig,
     camera: &StereoCamera,
     covariance: &Matrix6<f64>,
-) -> [f64; POSE_DIM] {
+) -> [f64; STEREO_DIM] {
     let with_floor = |variance: f64, floor: f64| (variance.max(0.0) + floor * floor).sqrt();
     let rotation = |axis: usize| {
         with_floor(
@@ -148,11 +180,12 @@ fn stated_sigmas(
         relative,
         config.stated_lens_floor,
         config.stated_lens_floor,
+        config.decentring_sigma,
     ]
 }
 
 /// Applies a step to the error of a camera.
-pub(crate) fn apply_error(camera: &mut Camera, step: &Vector6<f64>) {
+pub(crate) fn apply_error(camera: &mut Camera, step: &StereoVector) {
     camera.stereo.error += step;
     camera.right_from_left = camera.stereo.right_from_left();
 }
@@ -168,15 +201,15 @@ mod tests {
             rotation.to_rotation_matrix().into_inner(),
             Vector3::new(-0.06, 0.001, 0.002),
         ));
-        geometry.error = Vector6::new(1e-3, -2e-3, 1e-3, 0.01, -0.004, 0.003);
+        geometry.error = [1e-3, -2e-3, 1e-3, 0.01, -0.004, 0.003, 0.002].into();
         let (x, rho) = (Vector3::new(0.3, -0.2, 0.9), 0.7);
         let point = |geometry: &StereoGeometry| {
             let (map, origin) = geometry.right_from_left();
-            map * x + origin * rho
+            geometry.decentre(map * x + origin * rho)
         };
         let origin = geometry.right_from_left().1;
         let by = geometry.jacobian(&point(&geometry), &origin, rho);
-        for k in 0..POSE_DIM {
+        for k in 0..STEREO_DIM {
             let h = 1e-6;
             let side = |h: f64| {
                 let mut moved = geometry;
@@ -184,13 +217,30 @@ mod tests {
                 point(&moved)
             };
             let expected = (side(h) - side(-h)) / (2.0 * h);
-            // The Jacobian of the rotation is that of a small error.
+            // The Jacobian of the rotation is that of a small error, and the decentring moves the
+            // point little.
             assert!(
                 (by.column(k) - expected).amax() < 4e-3,
                 "{k}: {} {expected}",
                 by.column(k)
             );
         }
+    }
+
+    #[test]
+    fn decentring_equals_a_rotation_about_y_in_rows_only() {
+        let mut geometry = StereoGeometry::new((Matrix3::identity(), -0.06 * Vector3::x()));
+        geometry.error[DECENTRING] = 1e-3;
+        for (x, y) in [(0.4, 0.3), (-0.7, 0.2), (0.5, -0.5)] {
+            let point = Vector3::new(x, y, 1.0);
+            let decentred = geometry.decentre(point);
+            let turned = so3::exp(Vector3::new(0.0, 2e-3, 0.0)) * point;
+            assert!((decentred.y - turned.y / turned.z).abs() < 4e-6);
+            assert_eq!(decentred.xz(), point.xz());
+        }
+        // Its effect is bounded at a right angle.
+        assert!(decentring_per_unit(&Vector3::new(1.0, 1.0, 0.0)) < 4.0);
+        assert_eq!(decentring_per_unit(&Vector3::z()), 0.0);
     }
 
     #[test]

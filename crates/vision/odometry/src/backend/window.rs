@@ -6,12 +6,13 @@
 
 use std::collections::BTreeMap;
 
-use nalgebra::{DMatrix, DVector, Vector6};
+use nalgebra::{DMatrix, DVector};
 
 use crate::backend::covariance::NewestCovariance;
 use crate::backend::extrinsics::ExtrinsicsPrior;
 use crate::backend::observation::{BearingObservation, Camera};
 use crate::backend::state::{POSE_DIM, STATE_DIM, State};
+use crate::backend::stereo::{STEREO_DIM, StereoVector};
 use crate::config::BackendConfig;
 use crate::inertial::imu_buffer::Preintegrated;
 
@@ -51,7 +52,7 @@ pub(crate) struct Prior {
     pub(crate) at: Vec<(u64, State)>,
     /// Errors of the stereo calibrations at the linearization point, one per camera if they are
     /// estimated; else empty. Their rows follow those of the frames.
-    pub(crate) stereo: Vec<Vector6<f64>>,
+    pub(crate) stereo: Vec<StereoVector>,
     pub(crate) information: DMatrix<f64>,
     /// Gradient at the linearization point.
     pub(crate) gradient: DVector<f64>,
@@ -116,6 +117,12 @@ pub(crate) struct PriorSegment {
     pub(crate) count: usize,
 }
 
+/// Offset of a block among poses and extrinsics, of which there are `poses`, and the stereo
+/// calibrations that follow them.
+pub(crate) fn compact_row(poses: usize, block: usize) -> usize {
+    block.min(poses) * POSE_DIM + block.saturating_sub(poses) * STEREO_DIM
+}
+
 impl Landmark {
     /// Index of the first observation in this frame or a later one, the host excluded.
     pub(crate) fn since(&self, number: u64) -> usize {
@@ -166,7 +173,17 @@ impl Window {
     /// Offset of a block in a step of the whole window, in which frames have full states.
     pub(crate) fn row_of(&self, block: usize) -> usize {
         let frames = self.frames.len();
-        block.min(frames) * STATE_DIM + block.saturating_sub(frames) * POSE_DIM
+        block.min(frames) * (STATE_DIM - POSE_DIM) + self.compact_row_of(block)
+    }
+
+    /// Offset of a block where frames have poses only.
+    pub(crate) fn compact_row_of(&self, block: usize) -> usize {
+        compact_row(self.stereo_block(0), block)
+    }
+
+    /// Number of rows of a block where frames have poses only.
+    pub(crate) fn compact_rows(&self, block: usize) -> usize {
+        self.compact_row_of(block + 1) - self.compact_row_of(block)
     }
 
     /// Rows of the prior and their places in the window; frames that have left it are omitted.
@@ -178,7 +195,7 @@ impl Window {
         let stereo_at = self.prior.at.len() * STATE_DIM;
         let stereo = (0..self.prior.stereo.len()).map(|camera| {
             let block = Some(self.stereo_block(camera));
-            (stereo_at + camera * POSE_DIM, block, POSE_DIM)
+            (stereo_at + camera * STEREO_DIM, block, STEREO_DIM)
         });
         (frames.chain(stereo))
             .filter_map(|(at, block, count)| {

@@ -366,8 +366,7 @@ impl Track {
 
 /// Pixel in the right image of a left ray at an inverse range.
 fn project_right(camera: &Camera, ray: &Vector3<f64>, rho: f64) -> Option<[f32; 2]> {
-    let (rotation, origin) = &camera.right_from_left;
-    let x = rotation * ray + origin * rho;
+    let x = camera.in_right(ray, rho);
     camera
         .right
         .project(x.into())

@@ -10,16 +10,17 @@ use faer::linalg::solvers::Solve as _;
 use faer::sparse::linalg::solvers::{Llt, SymbolicLlt};
 use faer::sparse::{SparseColMat, Triplet};
 use faer::{Mat, Side};
-use nalgebra::{DVector, Matrix6, SMatrix};
+use nalgebra::{DVector, Matrix6, SMatrix, SVector};
 use rayon::prelude::*;
 
 use super::loop_closure::Closure;
 use crate::backend::motion_factor;
 use crate::backend::solver::{
-    Accumulated, LandmarkBlock, NormalEquations, PoseMatrix, PoseVector, accumulate, apply,
-    for_each_residual, landmark_cost, prior_cost, prior_error,
+    Accumulated, LandmarkBlock, NormalEquations, accumulate, apply, for_each_residual,
+    landmark_cost, prior_cost, prior_error,
 };
 use crate::backend::state::{POSE_DIM, STATE_DIM};
+use crate::backend::stereo::{STEREO_DIM, StereoMatrix, StereoVector};
 use crate::backend::window::{Landmark, Window};
 use crate::config::MappingConfig;
 
@@ -52,26 +53,35 @@ type Square = SMatrix<f64, STATE_DIM, STATE_DIM>;
 /// Sparse normal equations, for many frames of which few observe the same landmarks.
 #[derive(Default)]
 struct Sparse {
-    blocks: BTreeMap<(usize, usize), PoseMatrix>,
-    gradient: BTreeMap<usize, PoseVector>,
+    /// Those of poses use the first [`POSE_DIM`] components only.
+    blocks: BTreeMap<(usize, usize), StereoMatrix>,
+    gradient: BTreeMap<usize, StereoVector>,
 }
 
 impl NormalEquations for Sparse {
-    fn add(&mut self, row: usize, column: usize, block: &PoseMatrix) {
+    fn add<const R: usize, const C: usize>(
+        &mut self,
+        row: usize,
+        column: usize,
+        block: &SMatrix<f64, R, C>,
+    ) {
         let entry = self.blocks.entry((row, column));
-        *entry.or_insert_with(PoseMatrix::zeros) += block;
+        let entry = entry.or_insert_with(StereoMatrix::zeros);
+        let mut view = entry.fixed_view_mut::<R, C>(0, 0);
+        view += block;
     }
 
-    fn add_gradient(&mut self, row: usize, rows: &PoseVector) {
+    fn add_gradient<const R: usize>(&mut self, row: usize, rows: &SVector<f64, R>) {
         let entry = self.gradient.entry(row);
-        *entry.or_insert_with(PoseVector::zeros) += rows;
+        let entry = entry.or_insert_with(StereoVector::zeros);
+        let mut view = entry.fixed_rows_mut::<R>(0);
+        view += rows;
     }
 }
 
 /// Linearized problem.
 struct LinearSystem {
-    /// Blocks on and above the diagonal; those of extrinsics use the first [`POSE_DIM`] components
-    /// only.
+    /// Blocks on and above the diagonal; those of calibrations use their first components only.
     blocks: BTreeMap<(usize, usize), Square>,
     gradient: DVector<f64>,
     cost: f64,
@@ -93,11 +103,12 @@ fn linearize(window: &Window, loops: &[Closure], damping: f64) -> LinearSystem {
             .collect();
         for piece in pieces {
             for ((a, b), block) in piece.sums.blocks {
-                add_pose(&mut linear.blocks, a, b, &block);
+                add_block(&mut linear.blocks, a, b, &block);
             }
             for (k, rows) in piece.sums.gradient {
-                let mut view = (linear.gradient).fixed_rows_mut::<POSE_DIM>(window.row_of(k));
-                view += rows;
+                let count = window.compact_rows(k);
+                let mut view = linear.gradient.rows_mut(window.row_of(k), count);
+                view += rows.rows(0, count);
             }
             linear.cost += piece.cost;
             linear.landmark_blocks.push(piece.landmark_blocks);
@@ -143,7 +154,7 @@ fn linearize(window: &Window, loops: &[Closure], damping: f64) -> LinearSystem {
         let error = prior.error(camera);
         let product = prior.information * error;
         linear.cost += error.dot(&product);
-        add_pose(&mut linear.blocks, block, block, &prior.information);
+        add_block(&mut linear.blocks, block, block, &prior.information);
         let mut rows = linear
             .gradient
             .fixed_rows_mut::<POSE_DIM>(window.row_of(block));
@@ -153,9 +164,9 @@ fn linearize(window: &Window, loops: &[Closure], damping: f64) -> LinearSystem {
         let term = closure.linearize(window);
         linear.cost += term.cost;
         let [a, b] = closure.frames;
-        add_pose(&mut linear.blocks, a, a, &term.own);
-        add_pose(&mut linear.blocks, a, b, &term.cross);
-        add_pose(&mut linear.blocks, b, b, &term.other);
+        add_block(&mut linear.blocks, a, a, &term.own);
+        add_block(&mut linear.blocks, a, b, &term.cross);
+        add_block(&mut linear.blocks, b, b, &term.other);
         for (frame, rows_of_pose) in [(a, term.gradient_own), (b, term.gradient_other)] {
             let mut rows = linear
                 .gradient
@@ -166,9 +177,14 @@ fn linearize(window: &Window, loops: &[Closure], damping: f64) -> LinearSystem {
     linear
 }
 
-fn add_pose(blocks: &mut BTreeMap<(usize, usize), Square>, a: usize, b: usize, block: &PoseMatrix) {
+fn add_block<const N: usize>(
+    blocks: &mut BTreeMap<(usize, usize), Square>,
+    a: usize,
+    b: usize,
+    block: &SMatrix<f64, N, N>,
+) {
     let entry = blocks.entry((a, b)).or_insert_with(Square::zeros);
-    let mut view = entry.fixed_view_mut::<POSE_DIM, POSE_DIM>(0, 0);
+    let mut view = entry.fixed_view_mut::<N, N>(0, 0);
     view += block;
 }
 
@@ -199,13 +215,7 @@ fn matrix(
     window: &Window,
 ) -> Option<SparseColMat<usize, f64>> {
     let mut entries = Vec::with_capacity(linear.blocks.len() * STATE_DIM * STATE_DIM);
-    let numbers = |block: usize| {
-        if block < window.frames.len() {
-            STATE_DIM
-        } else {
-            POSE_DIM
-        }
-    };
+    let numbers = |block: usize| window.row_of(block + 1) - window.row_of(block);
     for ((a, b), block) in &linear.blocks {
         for i in 0..numbers(*a) {
             // Diagonal blocks: lower half only. The sparse matrix is lower triangular, blocks are
@@ -345,7 +355,7 @@ pub(super) struct Covariances {
     /// Of extrinsics, one for each estimated camera.
     pub(super) extrinsics: Vec<Matrix6<f64>>,
     /// Of the stereo calibrations, one per camera.
-    pub(super) stereo: Vec<Matrix6<f64>>,
+    pub(super) stereo: Vec<StereoMatrix>,
 }
 
 /// Frames that neither landmarks nor an IMU connect to earlier ones: of each run without
@@ -378,16 +388,10 @@ pub(super) fn covariances(max_count: usize, window: &Window, loops: &[Closure]) 
         return Covariances {
             poses: vec![unknown; count],
             extrinsics: vec![unknown; window.extrinsics.len()],
-            stereo: vec![unknown; window.prior.stereo.len()],
+            stereo: vec![StereoMatrix::identity() * 1e6; window.prior.stereo.len()],
         };
     };
-    let of = |block: usize| {
-        let at = window.row_of(block);
-        let right = Mat::from_fn(size, POSE_DIM, |i, j| f64::from(u8::from(i == at + j)));
-        let solved = factor.solve(&right);
-        let block = Matrix6::from_fn(|i, j| solved[(at + i, j)]);
-        (block + block.transpose()) * 0.5
-    };
+    let of = |block| covariance_of::<POSE_DIM>(&factor, size, window.row_of(block));
     let step = count.div_ceil(max_count).max(1);
     let mut entries: Vec<usize> = (0..count).step_by(step).collect();
     entries.push(count - 1);
@@ -411,6 +415,20 @@ pub(super) fn covariances(max_count: usize, window: &Window, loops: &[Closure]) 
     Covariances {
         poses: out,
         extrinsics: (count..stereo).map(of).collect(),
-        stereo: (stereo..window.blocks()).map(of).collect(),
+        stereo: (stereo..window.blocks())
+            .map(|block| covariance_of::<STEREO_DIM>(&factor, size, window.row_of(block)))
+            .collect(),
     }
+}
+
+/// Block of the inverse of a factored matrix of `size` rows, from the row `at` on.
+fn covariance_of<const N: usize>(
+    factor: &Llt<usize, f64>,
+    size: usize,
+    at: usize,
+) -> SMatrix<f64, N, N> {
+    let right = Mat::from_fn(size, N, |i, j| f64::from(u8::from(i == at + j)));
+    let solved = factor.solve(&right);
+    let block = SMatrix::<f64, N, N>::from_fn(|i, j| solved[(at + i, j)]);
+    (block + block.transpose()) * 0.5
 }

@@ -73,7 +73,7 @@ pub struct InterpolatedPose {
 ///     let x = pose.world_from_rig.translation_m()[0];
 ///     assert!((x - expected).abs() < 1e-12, "{x}");
 /// }
-/// // Of the pose between them, only 5 cm are certain.
+/// // The pose between them is certain to 5 cm only.
 /// assert!((poses[1].covariance[(0, 0)].sqrt() - 0.05).abs() < 1e-12);
 /// assert_eq!(poses[2].covariance, Matrix6::zeros());
 /// # Ok::<(), Box<dyn std::error::Error>>(())

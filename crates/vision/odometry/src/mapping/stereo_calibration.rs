@@ -2,8 +2,9 @@
 
 use cad_transforms::RigidTransform;
 use camera_models::CameraModel;
-use nalgebra::{Matrix6, Vector6};
+use nalgebra::{Matrix6, SMatrix};
 
+use crate::backend::stereo::{StereoMatrix, StereoVector};
 use crate::backend::window::Window;
 
 /// Chi-square quantile of six dimensions that is exceeded with a probability of 0.27 %, as three
@@ -15,11 +16,13 @@ const CHI2_THREE_SIGMA: f64 = 20.062;
 pub struct RefinedStereo {
     /// Error of the right eye against the left one: rotation of the right eye about its x, y and z
     /// axes, rad; baseline, relative; focal length, relative; principal point along x, in focal
-    /// lengths.
-    pub error: [f64; 6],
+    /// lengths; decentring of the right lens minus that of the left one (`p2` of OpenCV), which
+    /// acts across epipolar lines only.
+    pub error: [f64; 7],
     /// Its covariance. What the walk does not determine has that of the calibration.
-    pub covariance: Matrix6<f64>,
-    /// Whether the error is larger than three sigmas of its covariance: the calibration is wrong.
+    pub covariance: SMatrix<f64, 7, 7>,
+    /// Whether the error without the decentring is larger than three sigmas of its covariance: the
+    /// calibration is wrong.
     pub is_significant: bool,
 }
 
@@ -28,7 +31,7 @@ impl RefinedStereo {
     pub(super) fn of(
         sigma_inflation: f64,
         window: &Window,
-        covariances: &[Matrix6<f64>],
+        covariances: &[StereoMatrix],
     ) -> Vec<Self> {
         let square = sigma_inflation * sigma_inflation;
         let each = window.cameras.iter().zip(covariances);
@@ -36,44 +39,47 @@ impl RefinedStereo {
             .collect()
     }
 
-    fn new(error: Vector6<f64>, covariance: Matrix6<f64>) -> Self {
-        let solved = covariance.cholesky().map(|c| c.solve(&error));
+    fn new(error: StereoVector, covariance: StereoMatrix) -> Self {
+        let geometric = error.fixed_rows::<6>(0).into_owned();
+        let own: Matrix6<f64> = covariance.fixed_view::<6, 6>(0, 0).into_owned();
+        let solved = own.cholesky().map(|c| c.solve(&geometric));
         Self {
             error: error.into(),
             covariance,
-            is_significant: solved.is_some_and(|solved| error.dot(&solved) > CHI2_THREE_SIGMA),
+            is_significant: solved.is_some_and(|solved| geometric.dot(&solved) > CHI2_THREE_SIGMA),
         }
     }
 
     /// Standard deviations of [`Self::error`].
     ///
     /// ```
-    /// # use nalgebra::Matrix6;
+    /// # use nalgebra::SMatrix;
     /// # use odometry::mapping::RefinedStereo;
     /// let refined = RefinedStereo {
-    ///     error: [0.0, 1.7e-3, 0.0, 0.0, 0.0, 0.0],
-    ///     covariance: Matrix6::identity() * 1e-8,
+    ///     error: [0.0, 1.7e-3, 0.0, 0.0, 0.0, 0.0, 0.0],
+    ///     covariance: SMatrix::identity() * 1e-8,
     ///     is_significant: true,
     /// };
     /// assert!((refined.sigmas()[1] - 1e-4).abs() < 1e-12);
     /// ```
-    pub fn sigmas(&self) -> [f64; 6] {
+    pub fn sigmas(&self) -> [f64; 7] {
         std::array::from_fn(|k| self.covariance[(k, k)].max(0.0).sqrt())
     }
 
     /// Corrected lens of the right eye and extrinsics between the eyes, from the nominal ones.
-    /// Errors of lens and principal point are those of an image without distortion.
+    /// Errors of lens and principal point are those of an image without distortion; the decentring
+    /// is not corrected, since its effect along epipolar lines is not known.
     ///
     /// ```
     /// # use cad_transforms::RigidTransform;
     /// # use camera_models::{CameraModel, Distortion};
-    /// # use nalgebra::Matrix6;
+    /// # use nalgebra::SMatrix;
     /// # use odometry::mapping::RefinedStereo;
     /// let lens = CameraModel::new((672, 376), [350.0, 350.0, 335.5, 187.5], Distortion::None);
     /// let right_from_left = RigidTransform::from_translation_m([-0.06, 0.0, 0.0])?;
     /// let refined = RefinedStereo {
-    ///     error: [0.0, 0.0, 0.0, 0.01, 0.0, 0.002],
-    ///     covariance: Matrix6::identity() * 1e-8,
+    ///     error: [0.0, 0.0, 0.0, 0.01, 0.0, 0.002, 0.0],
+    ///     covariance: SMatrix::identity() * 1e-8,
     ///     is_significant: true,
     /// };
     /// let (lens, right_from_left) = refined.corrected(&lens, &right_from_left);
@@ -86,7 +92,7 @@ impl RefinedStereo {
         right: &CameraModel,
         right_from_left: &RigidTransform,
     ) -> (CameraModel, RigidTransform) {
-        let [x, y, z, baseline, focal, principal_point] = self.error;
+        let [x, y, z, baseline, focal, principal_point, _] = self.error;
         let longer = right_from_left.translation_m().map(|m| m * baseline.exp());
         let turn = RigidTransform::from_rotation_vector([x, y, z], [0.0; 3]);
         let stretched = RigidTransform::from_wxyz(right_from_left.rotation_wxyz(), longer);
@@ -115,10 +121,10 @@ mod tests {
     #[test]
     fn corrected_calibration_projects_as_the_estimate() {
         let nominal = test_rig::stereo(0.1);
-        let error = Vector6::new(2e-3, -1e-3, 3e-3, 0.02, -0.01, 0.004);
+        let error = StereoVector::from([2e-3, -1e-3, 3e-3, 0.02, -0.01, 0.004, 0.0]);
         let mut camera = Camera::new(&nominal, &RigidTransform::identity());
         apply_error(&mut camera, &error);
-        let refined = RefinedStereo::new(error, Matrix6::identity() * 1e-8);
+        let refined = RefinedStereo::new(error, SMatrix::identity() * 1e-8);
         assert!(refined.is_significant);
         let (lens, right_from_left) = refined.corrected(&nominal.right, &nominal.right_from_left);
         let x = Vector3::new(0.3, -0.2, 1.2);
@@ -136,7 +142,11 @@ mod tests {
 
     #[test]
     fn error_within_its_sigmas_is_not_significant() {
-        let refined = RefinedStereo::new(Vector6::repeat(1e-4), Matrix6::identity() * 1e-8);
+        let refined = RefinedStereo::new(StereoVector::repeat(1e-4), SMatrix::identity() * 1e-8);
         assert!(!refined.is_significant);
+        // Nor is a decentring, which does not change the geometry.
+        let mut error = StereoVector::zeros();
+        error[6] = 5e-3;
+        assert!(!RefinedStereo::new(error, SMatrix::identity() * 1e-8).is_significant);
     }
 }

@@ -145,7 +145,7 @@ fn keyframes_of(rig: &Rig, laps: usize, drift_m: f64, with_keypoints: bool) -> V
                     gyro_rate: Vector3::zeros(),
                 },
                 imu_valid: false,
-                stereo_errors: vec![[0.0; 6]],
+                stereo_errors: vec![[0.0; 7]],
                 exposure_offset_s: vec![0.0; cameras.len()],
                 observations,
                 keypoints,

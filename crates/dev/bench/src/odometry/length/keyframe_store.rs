@@ -133,7 +133,7 @@ fn read(from: &mut impl Read) -> std::io::Result<Keyframe> {
         .collect::<std::io::Result<_>>()?;
     let stereo_errors = (0..counts[0])
         .map(|_| {
-            let mut error = [0.0; 6];
+            let mut error = [0.0; 7];
             for number in &mut error {
                 *number = f64::from_le_bytes(bytes(from)?);
             }

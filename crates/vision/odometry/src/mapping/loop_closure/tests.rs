@@ -73,7 +73,7 @@ fn keyframe(number: u64, state: &State, cameras: &[Camera], late_s: &[f64]) -> K
         number,
         state: state.into(),
         imu_valid: false,
-        stereo_errors: vec![[0.0; 6]],
+        stereo_errors: vec![[0.0; 7]],
         exposure_offset_s: late_s.to_vec(),
         observations: Vec::new(),
         keypoints,
