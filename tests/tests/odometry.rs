@@ -15,7 +15,7 @@ use nalgebra::Vector3;
 use odometry::keyframe::StereoObservation;
 use odometry::mapping::RefinedExtrinsics;
 use odometry::rig::StereoCamera;
-use odometry::{Config, Odometry, Preset};
+use odometry::{Config, Odometry, Preset, Rig};
 use reconstruction::evaluate::{self, Evaluation, evaluate};
 use rig_sim::camera::Quality;
 use rig_sim::scene::{Kind, Lighting};
@@ -198,6 +198,63 @@ fn check_moved_camera_is_detected(sequence: Sequence) {
     println!("{:.3} of {:.3} rad left", left.angle_rad(), off.angle_rad());
     // A rotation about the path has little effect on a straight walk of 8 s.
     assert!(left.angle_rad() < 0.5 * off.angle_rad());
+}
+
+/// Causal poses of the first frame sets of a walk of 20 s with one of its cameras, or all.
+fn check_causal_poses(
+    (kind, seed, sets): (Kind, u64, usize),
+    camera: Option<&str>,
+    with_imu: bool,
+    change: impl FnOnce(&mut Rig),
+) -> Trajectory {
+    let settings = WalkSettings {
+        quality: Quality::FAST,
+        cameras: camera.map(str::to_owned).into_iter().collect(),
+        with_imu,
+        ..WalkSettings::new(kind, Lighting::Day, seed, 20.0)
+    };
+    let sequence = walk(&settings).expect("a walk").first(sets);
+    let sequence = sequence.with_nominal_rig(change);
+    let truth = tracking::truth(&sequence).expect("rising times");
+    let tracking = track(&sequence, balanced(), false).expect("poses");
+    let errors = evaluated(tracking.causal(), &truth);
+    let consistency = errors.consistency.expect("covariances");
+    assert_eq!(consistency.silently_wrong, 0, "{consistency:?}");
+    tracking.causal().clone()
+}
+
+/// On a plain floor a camera that faces down sees the wearer's legs only, and a dozen corners agree
+/// with each other. Nine poses were silently wrong.
+#[test]
+fn legs_in_front_of_a_plain_floor_give_no_silently_wrong_pose() {
+    check_causal_poses((Kind::Corridor, 41, 60), Some("feet"), true, |_| {});
+}
+
+/// The rotation moves rows by 2 px. Five poses were silently wrong when only matches within 1.5 px
+/// of their epipolar lines were accepted.
+#[test]
+fn right_eyes_rotated_about_x_give_no_silently_wrong_pose() {
+    check_causal_poses((Kind::Pavement, 21, 120), None, true, |rig| {
+        for camera in &mut rig.cameras {
+            let turn =
+                RigidTransform::from_rotation_vector([0.3_f64.to_radians(), 0.0, 0.0], [0.0; 3]);
+            camera.right_from_left = turn.expect("finite") * camera.right_from_left;
+            camera.right_from_left_covariance = None;
+        }
+    });
+}
+
+/// One of these poses was lost when twelve corners were required.
+#[test]
+fn walk_on_weak_texture_without_imu_is_tracked_from_its_start() {
+    let poses = check_causal_poses(
+        (Kind::Corridor, 42, 60),
+        Some("left_shoulder"),
+        false,
+        |_| {},
+    );
+    let is_tracked = |pose: &scene_bundle::Pose| pose.status == scene_bundle::Status::Tracked;
+    assert!(poses.poses().iter().all(is_tracked));
 }
 
 #[test]

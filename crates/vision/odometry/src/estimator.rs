@@ -48,6 +48,7 @@ pub use camera_shift::CameraShift;
 mod tests;
 
 use outliers::count_inliers;
+pub(crate) use outliers::sigma_ratio;
 
 /// Status of a pose.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -129,7 +130,12 @@ pub struct Odometry {
 impl Odometry {
     /// Creates the estimator of a rig.
     pub fn new(rig: &Rig, config: Config) -> Self {
-        let (cameras, body_from_rig) = body_frame(rig);
+        let (mut cameras, body_from_rig) = body_frame(rig);
+        let stereo_information = stereo::prior_information(&config.backend, &rig.cameras);
+        if let Some(covariance) = stereo_information.clone().try_inverse() {
+            let inflation = config.backend.covariance.sigma_inflation;
+            stereo::set_covariances(&mut cameras, inflation, &covariance);
+        }
         Self {
             config,
             cameras,
@@ -142,7 +148,7 @@ impl Odometry {
             keyframe_covariance: NewestCovariance {
                 joint: DMatrix::zeros(0, 0),
             },
-            stereo_information: stereo::prior_information(&config.backend, &rig.cameras),
+            stereo_information,
             last: None,
             odom_from_keyframe: RigidTransform::identity(),
             odom_from_body: RigidTransform::identity(),
@@ -265,14 +271,15 @@ impl Odometry {
             information = refine_newest(&mut window, &self.keyframe_covariance.state(), 1);
         }
         let is_keyframe = self.is_keyframe(&window, is_tracked);
-        let own = information.and_then(|h| h.cholesky()).map(|c| c.inverse());
         let mut joint = None;
         if is_keyframe || self.optimizes_every_frame() {
             joint = optimize_window(&mut window, self.config.backend.max_iterations).1;
         }
-        let relative_covariance = own.map_or_else(Matrix6::identity, |own| {
-            own.fixed_view::<6, 6>(0, 0).into_owned()
-        });
+        let times = sigma_ratio(&self.config.estimator, inliers);
+        let own = |times: f64| information.and_then(|of| of.pose_covariance(times));
+        // Few inliers may all be on one object that moves.
+        let relative_covariance = own(times).unwrap_or_else(Matrix6::identity);
+        let unexplained = own(1.0).map_or_else(Matrix6::zeros, |own| relative_covariance - own);
         let last_odom = self.odom_from_body;
         let before = &window.frames[window.frames.len() - 2].state;
         self.odom_from_body =
@@ -289,7 +296,7 @@ impl Odometry {
             )
         };
         let covariance = match &joint {
-            Some(joint) => joint.pose(),
+            Some(joint) => joint.pose() + unexplained,
             None => keyframe_covariance() + relative_covariance,
         };
         if let Some(joint) = joint.filter(|_| is_keyframe) {
@@ -297,6 +304,11 @@ impl Odometry {
         }
         // Features are matched with the estimated stereo calibrations.
         self.cameras.clone_from(&window.cameras);
+        stereo::set_covariances(
+            &mut self.cameras,
+            self.config.backend.covariance.sigma_inflation,
+            &self.keyframe_covariance.stereo(),
+        );
         if is_keyframe {
             self.filter_landmarks(&mut window);
             self.insert_keyframe(&mut window, &exposure_offset_s);
@@ -311,6 +323,9 @@ impl Odometry {
             is_tracked,
             is_keyframe,
         );
+        if is_keyframe && times > 1.0 {
+            self.add_unmodeled(&window.newest().state, unexplained);
+        }
         if self.is_lost {
             self.reinitialize(&mut window, &covariance);
         }
@@ -403,6 +418,12 @@ impl Odometry {
                 )
             });
         }
+    }
+
+    /// Adds to the uncertainty that the window does not contain, which becomes one at this state.
+    fn add_unmodeled(&mut self, at: &State, covariance: Matrix6<f64>) {
+        let sum = self.with_unmodeled(at, covariance);
+        self.unmodeled = vec![ResetUncertainty::new(*at, sum)];
     }
 
     /// Adds the uncertainty of resets to the covariance of a pose in the window.

@@ -22,6 +22,7 @@ use crate::backend::stereo;
 use crate::backend::window::{Frame, Landmark, MotionFactor, Prior, Window};
 use crate::config::Config;
 use crate::estimator::initialization::initial_sigmas;
+use crate::estimator::sigma_ratio;
 use crate::inertial::imu_set::{ImuSet, body_frame, motion_factor};
 use crate::keyframe::Keyframe;
 use crate::rig::Rig;
@@ -377,6 +378,17 @@ impl Mapping {
             }
         }
         let numbers: Vec<u64> = self.keyframes.iter().map(|k| k.number).collect();
+        let mut continued: BTreeMap<u64, usize> = BTreeMap::new();
+        for (number, _) in observations.values().flat_map(|of| of.iter().skip(1)) {
+            *continued.entry(*number).or_default() += 1;
+        }
+        for (number, observation) in observations
+            .values_mut()
+            .flat_map(|of| of.iter_mut().skip(1))
+        {
+            let count = continued[number];
+            *observation = observation.widened(sigma_ratio(&self.config.estimator, count));
+        }
         // The prior is about the nominal calibration, the start is the last causal estimate.
         let prior = prior.with_stereo(&self.cameras, &self.stereo_information);
         let mut cameras = self.cameras.clone();

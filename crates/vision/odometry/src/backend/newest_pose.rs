@@ -8,14 +8,37 @@ use crate::backend::solver::{ByPose, residuals};
 use crate::backend::state::{POSE_DIM, STATE_DIM, State};
 use crate::backend::window::Window;
 
-/// Optimizes the newest state with everything else fixed, and returns its information matrix. The
-/// loss is Tukey's with a scale that decreases with the iterations. `start_covariance` is the
+/// Information of the newest state, everything else fixed.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct NewestInformation {
+    /// Of images and motion factor together.
+    all: SMatrix<f64, STATE_DIM, STATE_DIM>,
+    /// Of images alone, about the pose.
+    images: SMatrix<f64, POSE_DIM, POSE_DIM>,
+}
+
+impl NewestInformation {
+    /// Covariance of the pose, if the standard deviations of images are multiplied by `times`.
+    pub(crate) fn pose_covariance(&self, times: f64) -> Option<SMatrix<f64, POSE_DIM, POSE_DIM>> {
+        let mut information = self.all;
+        let mut view = information.fixed_view_mut::<POSE_DIM, POSE_DIM>(0, 0);
+        view -= self.images * (1.0 - 1.0 / (times * times));
+        let covariance = information.cholesky()?.inverse();
+        Some(
+            covariance
+                .fixed_view::<POSE_DIM, POSE_DIM>(0, 0)
+                .into_owned(),
+        )
+    }
+}
+
+/// Optimizes the newest state with everything else fixed, and returns its information. The loss is Tukey's with a scale that decreases with the iterations. `start_covariance` is the
 /// covariance of the previous state, whose velocity, biases and tilt are uncertain.
 pub(crate) fn refine_newest(
     window: &mut Window,
     start_covariance: &SMatrix<f64, STATE_DIM, STATE_DIM>,
     rounds: usize,
-) -> Option<SMatrix<f64, STATE_DIM, STATE_DIM>> {
+) -> Option<NewestInformation> {
     let last = window.frames.len() - 1;
     let number = window.frames[last].number;
     let config = window.config;
@@ -101,6 +124,7 @@ pub(crate) fn refine_newest(
                 rows += weighted * r.residual;
             }
         }
+        let images = h.fixed_view::<POSE_DIM, POSE_DIM>(0, 0).into_owned();
         if let (Some(motion), true) = (&window.frames[last].motion, last > 0) {
             let before = &window.frames[last - 1].state;
             let (information, gradient) =
@@ -112,7 +136,7 @@ pub(crate) fn refine_newest(
         if !step.iter().all(|v| v.is_finite()) {
             return None;
         }
-        information = Some(h);
+        information = Some(NewestInformation { all: h, images });
         window.frames[last].state = state.plus(&step);
         if round >= reach.len() && step.fixed_rows::<POSE_DIM>(0).amax() < 1e-6 {
             break;

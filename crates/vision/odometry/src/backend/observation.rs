@@ -105,6 +105,26 @@ impl Camera {
         let x = self.stereo.decentre(ray + origin * rho);
         (rho, (right.basis * x / x.norm()).norm())
     }
+
+    /// Standard deviation of the epipolar error of a match with this inverse range, px, due to the
+    /// uncertainty of the stereo calibration.
+    pub(crate) fn epipolar_sigma(
+        &self,
+        left: &BearingMeasurement,
+        right: &BearingMeasurement,
+        rho: f64,
+    ) -> f64 {
+        let origin = &self.right_from_left.1;
+        let x = self.in_right(&left.ray, rho);
+        let along = right.basis * origin;
+        let across = Vector2::new(-along.y, along.x).normalize();
+        let by_error = right.basis * self.stereo.jacobian(&x, origin, rho) / x.norm();
+        let by_error = by_error.transpose() * across;
+        by_error
+            .dot(&(self.stereo.covariance * by_error))
+            .max(0.0)
+            .sqrt()
+    }
 }
 
 /// Measured bearing: a unit ray, and two directions perpendicular to it, scaled by pixels per

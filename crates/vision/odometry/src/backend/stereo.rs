@@ -43,6 +43,8 @@ pub(crate) struct StereoGeometry {
     nominal: (Matrix3<f64>, Vector3<f64>),
     /// Estimated error, see the module.
     pub(crate) error: StereoVector,
+    /// Its covariance as reported. Only matching in stereo uses it.
+    pub(crate) covariance: StereoMatrix,
 }
 
 impl StereoGeometry {
@@ -50,6 +52,7 @@ impl StereoGeometry {
         Self {
             nominal,
             error: StereoVector::zeros(),
+            covariance: StereoMatrix::zeros(),
         }
     }
 
@@ -154,6 +157,15 @@ pub(crate) fn prior_information(config: &BackendConfig, cameras: &[StereoCamera]
     DMatrix::from_diagonal(&DVector::from_iterator(size, information))
 }
 
+/// Gives cameras their parts of a joint covariance of the errors, as the solver has it.
+pub(crate) fn set_covariances(cameras: &mut [Camera], sigma_inflation: f64, joint: &DMatrix<f64>) {
+    for (k, camera) in cameras.iter_mut().enumerate() {
+        let at = k * STEREO_DIM;
+        let own = joint.fixed_view::<STEREO_DIM, STEREO_DIM>(at, at);
+        camera.stereo.covariance = own * (sigma_inflation * sigma_inflation);
+    }
+}
+
 /// Sigmas of the error of a calibration with this covariance; see
 /// [`StereoCamera::right_from_left_covariance`].
 fn stated_sigmas(
@@ -225,6 +237,27 @@ mod tests {
                 by.column(k)
             );
         }
+    }
+
+    #[test]
+    fn uncertain_rotation_about_x_widens_the_epipolar_tolerance() {
+        let nominal = crate::test_rig::stereo(0.1);
+        let mut camera = Camera::new(&nominal, &cad_transforms::RigidTransform::identity());
+        let center = [nominal.left.cx as f32, nominal.left.cy as f32];
+        let bearing = |side| camera.bearing(side, center).expect("inside the image");
+        let [left, right] = [camera_models::Eye::Left, camera_models::Eye::Right].map(bearing);
+        assert_eq!(camera.epipolar_sigma(&left, &right, 0.0), 0.0);
+        camera.stereo.covariance[(0, 0)] = 2e-3_f64.powi(2);
+        let expected = 2e-3 * nominal.right.fy;
+        let found = camera.epipolar_sigma(&left, &right, 0.0);
+        assert!(
+            (found - expected).abs() < 1e-3 * expected,
+            "{found} {expected}"
+        );
+        // A rotation about y moves this point along its epipolar line.
+        camera.stereo.covariance = StereoMatrix::zeros();
+        camera.stereo.covariance[(1, 1)] = 2e-3_f64.powi(2);
+        assert!(camera.epipolar_sigma(&left, &right, 0.0) < 1e-3 * expected);
     }
 
     #[test]

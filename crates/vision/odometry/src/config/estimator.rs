@@ -7,9 +7,13 @@ config! {
     pub struct EstimatorConfig {
         /// Minimum number of inliers of a tracked pose, which are also the landmarks of a new
         /// window. Lower accepts accidental agreement, higher is lost on weak texture.
-        pub min_inliers: usize = 12,
+        pub min_inliers: usize = 9,
         /// Minimum fraction of all observations that are inliers.
         pub min_inlier_ratio: f64 = 0.3,
+        /// Number of inliers below which the sigma of images grows, by the square of the ratio of
+        /// this number to theirs: few may all be on one object that moves. Lower trusts the
+        /// wearer's legs in front of a plain floor, higher makes sigmas on weak texture too large.
+        pub independent_inliers: usize = 22,
         /// Inlier ratio below which the IMU is suspected: an unknown bias, a shock, or saturation.
         pub imu_suspect_inlier_ratio: f64 = 0.35,
         /// Minimum inlier ratio without the IMU for it to be rejected.

@@ -56,9 +56,12 @@ config! {
         /// Minimum inverse range of a match, 1/m: noise and calibration make that of a distant
         /// point slightly negative.
         pub min_inverse_range_per_m: f64 = -0.05,
-        /// Maximum epipolar error, px. It has to exceed the error of the calibration; higher lets
-        /// mismatches on repeated texture through.
+        /// Maximum epipolar error with an exact calibration, px. Higher lets mismatches on repeated
+        /// texture through.
         pub max_epipolar_error_px: f64 = 1.5,
+        /// The same, additional, in standard deviations of the epipolar error due to the estimated
+        /// stereo calibration. Lower keeps only the matches that fit a wrong calibration.
+        pub epipolar_sigmas: f64 = 3.0,
         /// Minimum NCC of the best candidate of the search.
         pub min_ncc: f64 = 0.75,
         /// Minimum margin of its NCC over all candidates that are not adjacent. Lower takes the

@@ -3,23 +3,19 @@
 
 use std::collections::BTreeSet;
 
-use nalgebra::SMatrix;
-
 use super::Odometry;
-use crate::backend::newest_pose::refine_newest;
+use crate::backend::newest_pose::{NewestInformation, refine_newest};
 use crate::backend::solver::for_each_residual;
-use crate::backend::state::{STATE_DIM, State};
+use crate::backend::state::State;
 use crate::backend::window::{Frame, Landmark, MotionFactor, Window};
+use crate::config::EstimatorConfig;
 use crate::inertial::propagation::constant_velocity;
 
 impl Odometry {
     /// Estimates the newest pose. If the preintegrated IMU motion contradicts most observations,
     /// and these agree among themselves, the IMU is rejected: an unknown bias, a shock, or
     /// saturation that the sensor does not report.
-    pub(super) fn estimate_newest_pose(
-        &self,
-        window: &mut Window,
-    ) -> Option<SMatrix<f64, STATE_DIM, STATE_DIM>> {
+    pub(super) fn estimate_newest_pose(&self, window: &mut Window) -> Option<NewestInformation> {
         let rounds = self.config.backend.newest_pose.max_iterations;
         let config = &self.config.estimator;
         let last = window.frames.len() - 1;
@@ -126,6 +122,12 @@ impl Odometry {
     }
 }
 
+/// Factor on the standard deviations of images with this number of inliers, at least 1.
+pub(crate) fn sigma_ratio(config: &EstimatorConfig, inliers: usize) -> f64 {
+    let few = config.independent_inliers as f64 / inliers.max(1) as f64;
+    few.max(1.0).powi(2)
+}
+
 /// Outliers per landmark: index of the observation and side (0 left, 1 right), from the index
 /// `from(landmark)` on.
 fn find_outliers(
@@ -164,4 +166,19 @@ pub(super) fn count_inliers(window: &Window) -> (usize, usize) {
         });
     }
     (inliers, all)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn few_inliers_count_less() {
+        let config = EstimatorConfig::default();
+        let times = |inliers| sigma_ratio(&config, inliers);
+        assert_eq!(times(config.independent_inliers), 1.0);
+        assert_eq!(times(1000), 1.0);
+        assert_eq!(times(config.independent_inliers / 2), 4.0);
+        assert!(times(0).is_finite());
+    }
 }

@@ -31,6 +31,11 @@ pub(crate) struct ResetUncertainty {
 }
 
 impl ResetUncertainty {
+    /// Uncertainty of a pose: position in the world, rotation in the body.
+    pub(crate) fn new(at: State, covariance: Matrix6<f64>) -> Self {
+        Self { at, covariance }
+    }
+
     /// Uncertainty of the rotation alone, the same about all axes, rad.
     pub(crate) fn of_rotation(at: State, sigma: f64) -> Self {
         let mut covariance = Matrix6::zeros();

@@ -2,7 +2,8 @@
 //!
 //! Contract: [`Tracker::track`] takes the next frame; a feature that is not found reliably is lost,
 //! and its id is never used again. [`Tracker::detect_new`] detects features where there are none. A
-//! stereo match satisfies the epipolar constraint of the calibration; a feature without a stereo
+//! stereo match satisfies the epipolar constraint of the calibration, as far as that is known; a
+//! feature without a stereo
 //! match is still tracked.
 
 use camera_models::Eye as Side;
@@ -194,8 +195,13 @@ impl Tracker {
                 klt::track::<PATCH_SIDE>(klt, &self.left, &self.right, track.at, guess, coarsest)?;
             let bearing = camera.bearing(Side::Right, found)?;
             let (rho, epipolar_error) = camera.triangulate(&track.left, &bearing);
+            let tolerance = || {
+                let sigma = camera.epipolar_sigma(&track.left, &bearing, rho);
+                stereo.max_epipolar_error_px + stereo.epipolar_sigmas * sigma
+            };
             // A distant point may have a slightly negative inverse range.
-            let fits = epipolar_error < stereo.max_epipolar_error_px
+            let fits = (epipolar_error < stereo.max_epipolar_error_px
+                || epipolar_error < tolerance())
                 && rho < 1.0 / stereo.min_distance_m
                 && rho > stereo.min_inverse_range_per_m;
             fits.then_some((found, bearing, rho))
