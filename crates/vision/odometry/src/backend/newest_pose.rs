@@ -32,8 +32,9 @@ impl NewestInformation {
     }
 }
 
-/// Optimizes the newest state with everything else fixed, and returns its information. The loss is Tukey's with a scale that decreases with the iterations. `start_covariance` is the
-/// covariance of the previous state, whose velocity, biases and tilt are uncertain.
+/// Optimizes the newest state with everything else fixed, and returns its information. The loss is
+/// Tukey's with a scale that decreases with the iterations. `start_covariance` is the covariance of
+/// the previous state, whose velocity, biases and tilt are uncertain.
 pub(crate) fn refine_newest(
     window: &mut Window,
     start_covariance: &SMatrix<f64, STATE_DIM, STATE_DIM>,
