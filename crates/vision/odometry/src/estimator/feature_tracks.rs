@@ -106,6 +106,7 @@ pub fn estimate(
     let mut all = window.clone();
     let mut outliers = BTreeSet::new();
     let mut poses = Vec::new();
+    let mut states = Vec::new();
     let mut joint = window.prior.covariance();
     for (number, set) in (0..).zip(sets) {
         if number > 0 {
@@ -115,6 +116,7 @@ pub fn estimate(
                 .push(next_frame(&propagator, &from, number, set.time_ns)?);
             add_bearings(&mut window, number, set, &outliers);
             triangulate_new(&mut window);
+            preintegrate_again(&mut window, &propagator)?;
             if let (_, Some(covariance)) =
                 optimize_window(&mut window, config.backend.max_iterations)
             {
@@ -127,27 +129,39 @@ pub fn estimate(
         let newest = window.newest().state;
         let covariance = joint.pose();
         poses.push(pose(config, &newest, &covariance));
+        states.push(newest);
         while window.frames.len() > config.backend.window_size {
             marginalize_one(&mut window, &config.estimator.keyframes);
         }
     }
     all.frames.truncate(1);
-    for (number, (set, pose)) in (0..).zip(sets.iter().zip(&poses)) {
+    for (number, (set, state)) in (0..).zip(sets.iter().zip(&states)) {
         if number > 0 {
             let from = all.newest().state;
             let mut frame = next_frame(&propagator, &from, number, set.time_ns)?;
-            frame.state.position = *pose.world_from_imu.translation();
-            frame.state.rotation = *pose.world_from_imu.rotation();
+            frame.state = *state;
             all.frames.push(frame);
         }
-        add_bearings(&mut all, number, set, &outliers);
+        add_bearings(&mut all, number, set, &BTreeSet::new());
     }
+    // The last biases are the best ones.
+    let last = all.newest().state;
+    for frame in &mut all.frames {
+        (frame.state.gyro_bias, frame.state.accel_bias) = (last.gyro_bias, last.accel_bias);
+    }
+    preintegrate_again(&mut all, &propagator)?;
     let adjusted = adjust(config, all)?;
     Some([poses, adjusted])
 }
 
 /// Poses of all frames after optimizations over all of them: outliers leave after the first one.
+/// The host of a landmark is in the middle of its track: a tracked corner drifts, and the host has
+/// no error of its own.
 fn adjust(config: &Config, mut window: Window) -> Option<Vec<TrackPose>> {
+    for landmark in window.landmarks.values_mut() {
+        let middle = landmark.observations.len() / 2;
+        landmark.observations[..=middle].rotate_right(1);
+    }
     for landmark in window.landmarks.clone().keys() {
         let rho = triangulate(&window, &window.landmarks[landmark]);
         if let (Some(rho), Some(landmark)) = (rho, window.landmarks.get_mut(landmark)) {
@@ -198,6 +212,19 @@ fn next_frame(imu: &ImuPropagator, from: &State, number: u64, time_ns: i64) -> O
         state: motion_factor::predict(&motion, from, time_ns),
         motion: Some(motion),
     })
+}
+
+/// Preintegrates again where the estimated biases of a motion factor have changed: biases are not
+/// known at the start, and a factor is linear in them. `None` where samples are missing.
+fn preintegrate_again(window: &mut Window, imu: &ImuPropagator) -> Option<()> {
+    for k in 1..window.frames.len() {
+        let from = window.frames[k - 1].state;
+        let to_ns = window.frames[k].state.time_ns;
+        if let Some(motion) = &mut window.frames[k].motion {
+            motion.preintegrated = imu.preintegrate(&from, to_ns, from.gyro_rate)?.0;
+        }
+    }
+    Some(())
 }
 
 /// Adds the bearings of a frame to the landmarks of their tracks, or as hosts of new ones.
