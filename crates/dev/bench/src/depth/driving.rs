@@ -334,10 +334,8 @@ mod tests {
         };
         let drive = Drive::read(&folder, 2).unwrap();
         let counts = |min_row_offset_px: f64| {
-            let config = Config {
-                min_row_offset_px,
-                ..Config::default()
-            };
+            let mut config = Config::default();
+            config.min_row_offset_px = min_row_offset_px;
             drive.count(&drive.match_all(config).unwrap())
         };
         let (aligned, as_they_are) = (counts(Config::default().min_row_offset_px), counts(9.0));

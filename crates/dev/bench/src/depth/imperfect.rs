@@ -300,7 +300,8 @@ mod tests {
         }
         let codec = Imperfections { codec: 8.0, ..none }.apply(&frame());
         let differ = |eye: usize| {
-            let pairs = codec.eyes[eye].iter().zip(&frame().eyes[eye]);
+            let before = &frame().eyes[eye];
+            let pairs = codec.eyes[eye].iter().zip(before);
             pairs.map(|(a, b)| u32::from(a.abs_diff(*b))).max()
         };
         assert!((1..40).contains(&differ(0).unwrap()) && differ(1) == differ(0));

@@ -180,11 +180,8 @@ mod tests {
         let (_, stats, scores) = matched(&halved(&frame), Config::default());
         assert!(!stats.is_noisy, "{:?}", stats.noise);
         // Matched as a noisy pair.
-        let noisy = Config {
-            min_noise: 0.0,
-            smoothed_noise: [0.0, 0.01],
-            ..Config::default()
-        };
+        let mut noisy = Config::default();
+        (noisy.min_noise, noisy.smoothed_noise) = (0.0, [0.0, 0.01]);
         let (_, _, worse) = matched(&halved(&frame), noisy);
         assert!(scores.bad_ratio(BAD_2) < 0.75 * worse.bad_ratio(BAD_2));
     }
@@ -197,10 +194,8 @@ mod tests {
         let (_, stats, aligned) = matched(&frame, Config::default());
         // The set gives the row offsets: 0.23 px root mean square.
         assert!((0.13..0.35).contains(&stats.row_offset_px), "{stats:?}");
-        let as_it_is = Config {
-            min_row_offset_px: 9.0,
-            ..Config::default()
-        };
+        let mut as_it_is = Config::default();
+        as_it_is.min_row_offset_px = 9.0;
         let (_, stats, worse) = matched(&frame, as_it_is);
         assert_eq!(stats.row_offset_px, 0.0);
         assert!(aligned.bad_ratio(1) < 0.75 * worse.bad_ratio(1));
