@@ -220,8 +220,11 @@ mod tests {
                     .iter()
                     .filter(|[sigma, error]| error <= &(2.0 * sigma));
                 let ratio = within.count() as f64 / quarter.len() as f64;
-                assert!((0.93..0.99).contains(&ratio), "{}: {ratio}", frame.name);
+                assert!(ratio > 0.93, "{}: {ratio}", frame.name);
             }
+            // Sharp too: as small as without a correction of the rows.
+            let median = errors[errors.len() / 2][0];
+            assert!(median < 0.52, "{}: {median}", frame.name);
         }
     }
 
