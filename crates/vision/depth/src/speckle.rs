@@ -185,7 +185,7 @@ mod tests {
                     })
                     .collect();
                 let mut found = map.clone();
-                let is_consistent = |i: usize| i % 5 > 0;
+                let is_consistent = |i: usize| !i.is_multiple_of(5);
                 speckle_filter.remove(width, &mut found, is_consistent, 1.0, min_px);
                 let expected = reference(width, &map, is_consistent, 1.0, min_px);
                 let same = |(a, b): (&f32, &f32)| a == b || (a.is_nan() && b.is_nan());
