@@ -1,10 +1,10 @@
 //! `depth`: stereo depth, ours beside OpenCV's matchers, in one run on the same images with the
 //! same disparity range.
 //!
-//! 1. `motorcycle`: a real pair (Middlebury), and `halved`: the same, reduced by area. Errors over time, of every mode of OpenCV's BM and
-//!    SGBM and of our presets and settings between them. A point of OpenCV's is *beaten* if one of
-//!    ours takes no longer, has at least the same density, and fewer pixels with an error of more
-//!    than 2 px ("bad-2").
+//! 1. `motorcycle`: a real pair (Middlebury), and `halved`: the same, reduced by area. Errors
+//!    over time, of every mode of OpenCV's BM and SGBM and of our presets and settings between
+//!    them. A point of OpenCV's is *beaten* if one of ours takes no longer, has at least the same
+//!    density, and fewer pixels with an error of more than 2 px ("bad-2").
 //! 2. `simulated`: the same on held-out frames of simulated walks, by day and at night.
 //! 3. `imperfect`: the same on some of these frames whose two eyes differ ([`imperfect`]).
 //! 4. `driving`: density of real driving pairs without ground truth, and the share that the

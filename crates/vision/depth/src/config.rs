@@ -18,8 +18,8 @@ config! {
     pub struct Config {
         /// Downsampling before matching, if any. Saves time at the cost of detail.
         pub downsample: Option<Downsample> = None,
-        /// Minimum root mean square row offset of a pair that is corrected before matching, px. Lower
-        /// resamples images that are aligned, which blurs them.
+        /// Minimum root mean square row offset of a pair that is corrected before matching, px.
+        /// Lower resamples images that are aligned, which blurs them.
         pub min_row_offset_px: f64 = 0.05,
         /// Matching of images with little noise.
         pub clear: Matching = Matching::clear(Census::Full5x5),
@@ -34,16 +34,16 @@ config! {
         /// Aggregation paths. Eight take 1.6 times as long as three.
         pub paths: Paths = Paths::Eight,
         /// Maximum disparity difference between the left and the right image for a pixel to be
-        /// consistent, px. Compare OpenCV SGBM `disp12MaxDiff`. Others need a region with consistent
-        /// pixels, and get larger sigmas.
+        /// consistent, px. Compare OpenCV SGBM `disp12MaxDiff`. Others need a region with
+        /// consistent pixels, and get larger sigmas.
         pub max_lr_difference_px: u8 = 1,
         /// Minimum margin by which the second-best non-adjacent cost exceeds the best one, percent.
         /// Compare OpenCV SGBM `uniquenessRatio`. 0 leaves ambiguity to the sigma.
         pub uniqueness_percent: u16 = 0,
         /// Whether a 3x3 median filter is applied.
         pub median: bool = true,
-        /// Minimum number of consistent pixels of a connected region; smaller ones are removed. Compare OpenCV
-        /// SGBM `speckleWindowSize`.
+        /// Minimum number of consistent pixels of a connected region; smaller ones are removed.
+        /// Compare OpenCV SGBM `speckleWindowSize`.
         pub min_speckle_px: usize = 100,
         /// Maximum disparity difference of neighbors in one region, px. Compare OpenCV SGBM
         /// `speckleRange`.
@@ -51,8 +51,8 @@ config! {
         /// Minimum correlation of the two images around a pixel and its match. For pure noise it is
         /// within 0.08 of 0. Lower keeps matches of noise, with large sigmas.
         pub min_correlation: f32 = 0.0,
-        /// Half the side of the window in which planes are fitted to the disparities, px; `None` for
-        /// no fit. Larger averages more, and takes more time with its square.
+        /// Half the side of the window in which planes are fitted to the disparities, px; `None`
+        /// for no fit. Larger averages more, and takes more time with its square.
         pub plane_radius_px: Option<usize> = None,
         /// Maximum disparity difference within a window for a pixel to count for its plane, px.
         pub max_plane_step_px: f32 = 1.5,
@@ -62,8 +62,8 @@ config! {
         /// Standard deviation of what a pair does not show, px: an offset of its disparities by an
         /// error of the rectification along rows. It is added to the sigma in quadrature.
         pub column_offset_sigma_px: f32 = 0.05,
-        /// Additional standard deviation, relative to the root mean square row offset of the pair: a
-        /// rectification that is wrong across rows is wrong along them too.
+        /// Additional standard deviation, relative to the root mean square row offset of the
+        /// pair: a rectification that is wrong across rows is wrong along them too.
         pub column_offset_ratio: f32 = 0.25,
         /// Bands around a predicted disparity.
         pub band: BandConfig = BandConfig::default(),

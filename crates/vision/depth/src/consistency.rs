@@ -2,10 +2,10 @@
 //!
 //! A pixel is consistent if the matched pixel of the right image has the same winner up to a small
 //! difference. Others keep their disparity and the difference: they are evidence where a surface
-//! around them is consistent ([`crate::speckle`], [`crate::sigma`]). The subpixel minimum is that of two lines of equal and opposite slope through
-//! the three sums around the winner, which suits costs that count differing bits (Haller, Pantilie,
-//! Oniga and Nedevschi, "Real-time semi-global dense stereo solution with improved sub-pixel
-//! accuracy", IV 2010, call it symmetric V).
+//! around them is consistent ([`crate::speckle`], [`crate::sigma`]). The subpixel minimum is that
+//! of two lines of equal and opposite slope through the three sums around the winner, which suits
+//! costs that count differing bits (Haller, Pantilie, Oniga and Nedevschi, "Real-time semi-global
+//! dense stereo solution with improved sub-pixel accuracy", IV 2010, call it symmetric V).
 
 use rayon::prelude::*;
 

@@ -160,7 +160,7 @@ impl Matcher {
     /// let images = [ImageView::packed(128, 48, &left)?, ImageView::packed(128, 48, &right)?];
     /// matcher.run(&images[0], &images[1], &Band::full(0, 32, 48)?)?;
     ///
-    /// // The sigma of a pixel follows from its evidence and what is not known of the rectification.
+    /// // The sigma of a pixel follows from its evidence and the sigma of the column offset.
     /// let pixel = 24 * 128 + 80;
     /// let evidence = matcher.evidence()[pixel];
     /// let own = Model::of(config.paths).sigma_px(&evidence);

@@ -4,7 +4,7 @@
 //! Immerkær's mask ("Fast noise variance estimation", CVIU 1996) cancels surfaces with little
 //! curvature, and its mean absolute response to noise of standard deviation s is
 //! `6 s sqrt(2 / pi)`; fine texture adds to it. The second estimate is what the right image does
-//! not predict ([`crate::prediction`]): texture is in both images, noise is not. A match at another
+//! not predict: texture is in both images, noise is not. A match at another
 //! depth or an occlusion adds to it.
 //!
 //! The noise of the pair is the lower quartile over blocks. Under- and overexposed blocks do not

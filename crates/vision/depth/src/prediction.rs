@@ -91,8 +91,8 @@ fn predict_block(
 ) -> Option<Prediction> {
     let y = top + FIRST_ROW;
     let column = best_match(left, right, band, [x, y])?;
-    // Sums over pixels of the products of the taps, the left pixel and 1: integers below 2^24, which
-    // single precision holds exactly.
+    // Sums over pixels of the products of the taps, the left pixel and 1: integers below 2^24,
+    // which single precision holds exactly.
     let mut products = [[0.0_f32; TERMS]; TERMS];
     for k in 0..ROWS {
         let rows = [0, 1, 2].map(|dy| right.row(y + k + dy - 1));

@@ -21,7 +21,7 @@ const TERMS: usize = 6;
 const PRIOR_SIGMA_PX: f64 = 1.0;
 /// Standard deviation of the offset of a block around the polynomial, px.
 const BLOCK_SIGMA_PX: f64 = 0.1;
-/// Minimum predicted share of the variance of a block: below, the match is doubtful.
+/// Minimum predicted share of the variance of a block: below, the match may be wrong.
 const MIN_PREDICTED_RATIO: f64 = 0.8;
 /// Gain between the images of a block with a match.
 const VALID_GAINS: std::ops::Range<f64> = 0.5..2.0;

@@ -121,7 +121,8 @@ impl Model {
     ///     lr_difference_px: 0.0,
     ///     correlation: 0.95,
     /// };
-    /// let ambiguous = Evidence { second_best_margin: 0.1, cost_slope: 0.1, density: 0.4, ..clear };
+    /// let ambiguous =
+    ///     Evidence { second_best_margin: 0.1, cost_slope: 0.1, density: 0.4, ..clear };
     /// assert!(model.sigma_px(&clear) < 0.5);
     /// assert!(model.sigma_px(&ambiguous) > 3.0 * model.sigma_px(&clear));
     /// ```

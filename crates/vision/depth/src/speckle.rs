@@ -1,9 +1,9 @@
 //! Speckle filter: removes small connected regions of a disparity map.
 //!
 //! Contract: pixels that share a side and whose disparities differ by at most a step are in one
-//! region; regions with fewer than a minimum number of consistent pixels become absent. The upper and the
-//! lower half are processed in parallel and joined, which gives the same regions as one pass over
-//! the whole map.
+//! region; regions with fewer than a minimum number of consistent pixels become absent. The upper
+//! and the lower half are processed in parallel and joined, which gives the same regions as one
+//! pass over the whole map.
 
 use rayon::prelude::*;
 

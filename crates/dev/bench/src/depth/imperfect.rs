@@ -1,9 +1,9 @@
 //! Imperfect pairs: what two real eyes add to a simulated pair.
 //!
-//! Contract: the right image of a rectified pair is changed in order of the light: blur, vignetting,
-//! gain, an offset of the rectification, and traces of a codec in both images. A strength of 0
-//! changes no byte. The changes act on the rendered 8-bit images, after tone curve and noise: blur
-//! also smooths the noise of the right eye.
+//! Contract: the right image of a rectified pair is changed in order of the light: blur,
+//! vignetting, gain, an offset of the rectification, and traces of a codec in both images. A
+//! strength of 0 changes no byte. The changes act on the rendered 8-bit images, after tone curve
+//! and noise: blur also smooths the noise of the right eye.
 
 use super::frames::Frame;
 
@@ -90,7 +90,7 @@ pub(super) const TESTED: [(&str, Imperfections); 4] = [
 const BLOCK_PX: usize = 8;
 
 impl Imperfections {
-    /// The frame with these imperfections; the truth stays as it is.
+    /// The frame with these imperfections; the truth is unchanged.
     pub(super) fn apply(&self, frame: &Frame) -> Frame {
         let size = [frame.width, frame.height];
         let mut frame = frame.clone();

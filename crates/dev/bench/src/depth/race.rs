@@ -268,9 +268,7 @@ fn curve(mut answers: Vec<(f32, bool)>, pixels: u64) -> Vec<[f64; 2]> {
         let is_last = answers.get(k + 1).is_none_or(|(next, _)| next > sigma);
         let count = (k + 1) as f64;
         let density = count / pixels.max(1) as f64;
-        let step = points
-            .last()
-            .is_none_or(|[last, _]| density >= last + 0.01);
+        let step = points.last().is_none_or(|[last, _]| density >= last + 0.01);
         if is_last && (step || k + 1 == answers.len()) {
             points.push([density, bad as f64 / count]);
         }
