@@ -29,9 +29,8 @@ use scene_bundle::{Bundle, Provenance, outputs};
 use session_archive::handoff::Verdict;
 use session_archive::record::paws::gap::Cause;
 
-/// Maximum relative error of the distance walked: calibrations of these sources state no
-/// covariance, and three metres determine the rotation of the right eye only in part.
-const MAX_DISTANCE_ERROR: f64 = 0.07;
+/// Maximum relative error of the distance between the first and the last pose.
+const MAX_DISTANCE_ERROR: f64 = 0.03;
 /// Minimum number of points of a cloud: the four keyframes of the walk give some thousand.
 const MIN_POINTS: usize = 1000;
 
