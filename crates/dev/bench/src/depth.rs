@@ -98,10 +98,10 @@ pub(crate) fn run(args: &[String]) -> Result<()> {
                 race.json()
             }
             "imperfect" => {
-                let all = imperfect::TESTED.iter().enumerate();
+                let all = imperfect::FOR_TEST.iter().enumerate();
                 let frames: Vec<Frame> = all
                     .flat_map(|(k, (_, imperfections))| {
-                        let own = held_out.iter().skip(k).step_by(imperfect::TESTED.len());
+                        let own = held_out.iter().skip(k).step_by(imperfect::FOR_TEST.len());
                         own.map(|(_, frame)| imperfections.apply(frame))
                     })
                     .collect();

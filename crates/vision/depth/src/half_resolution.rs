@@ -12,7 +12,7 @@ use crate::band::Band;
 use crate::config::Config;
 use crate::error::DepthError;
 use crate::map::DisparityMap;
-use crate::matcher::{MatchStats, Matcher, Measured};
+use crate::matcher::{MatchStats, Matcher, PairProperties};
 use imaging::ImageView;
 
 /// Downsampling before matching.
@@ -71,16 +71,16 @@ impl HalfResolution {
         left: &ImageView<'_>,
         right: &ImageView<'_>,
         band: &Band,
-        measured: Measured,
+        properties: PairProperties,
         (map, stats): (&mut DisparityMap, &mut MatchStats),
     ) -> Result<(), DepthError> {
         let by = self.by;
         // Noise of the averaged pixels. Estimated from the downsampled image, fine texture would
         // count as noise.
         let averaged = ((by[0] * by[1]) as f64).sqrt();
-        let of_means = Measured {
-            noise: measured.noise.map(|noise| noise / averaged),
-            ..measured
+        let of_means = PairProperties {
+            noise: properties.noise.map(|noise| noise / averaged),
+            ..properties
         };
         let [a, b] = &mut self.small;
         rayon::join(|| shrink(left, by, a), || shrink(right, by, b));
@@ -91,7 +91,7 @@ impl HalfResolution {
         self.matcher.match_aligned(&left, &right, &band, of_means)?;
         enlarge(self.matcher.map(), by, map);
         let found = self.matcher.stats();
-        (stats.noise, stats.row_offset_px) = (measured.noise, measured.row_offset_px);
+        (stats.noise, stats.row_offset_px) = (properties.noise, properties.row_offset_px);
         stats.is_noisy = found.is_noisy;
         stats.smoothing = found.smoothing;
         let columns = by[0] as u32;

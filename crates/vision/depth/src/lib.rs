@@ -45,6 +45,7 @@ mod error;
 pub mod evaluate;
 mod half_resolution;
 mod lanes;
+mod linear;
 mod map;
 mod matcher;
 mod median;

@@ -64,9 +64,9 @@ pub struct MatchStats {
     pub at_end: Vec<[u32; 2]>,
 }
 
-/// What is measured of a pair before it is matched.
+/// Noise and row offset of a pair, which are estimated before it is matched.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Measured {
+pub(crate) struct PairProperties {
     /// Standard deviation of the noise, gray levels.
     pub(crate) noise: Option<f64>,
     /// Root mean square row offset that was corrected, px.
@@ -262,15 +262,15 @@ impl Matcher {
             None => *right,
             Some(_) => ImageView::packed(right.width(), right.height(), &rows.aligned)?,
         };
-        let measured = Measured {
+        let properties = PairProperties {
             noise: noise::estimate(left, &right, band),
             row_offset_px: offsets.map_or(0.0, |offsets| offsets.rms_px()),
         };
         match &mut self.half_resolution {
-            None => self.match_aligned(left, &right, band, measured)?,
+            None => self.match_aligned(left, &right, band, properties)?,
             Some(half_resolution) => {
                 let to = (&mut self.map, &mut self.stats);
-                half_resolution.run(left, &right, band, measured, to)?;
+                half_resolution.run(left, &right, band, properties, to)?;
             }
         }
         self.row_alignment = rows;
@@ -283,9 +283,9 @@ impl Matcher {
         left: &ImageView<'_>,
         right: &ImageView<'_>,
         band: &Band,
-        measured: Measured,
+        properties: PairProperties,
     ) -> Result<(), DepthError> {
-        (self.stats.noise, self.stats.row_offset_px) = (measured.noise, measured.row_offset_px);
+        (self.stats.noise, self.stats.row_offset_px) = (properties.noise, properties.row_offset_px);
         self.aggregate(left, right, band)?;
         self.check_consistency(band);
         self.assign_sigma(left, right);

@@ -10,6 +10,7 @@
 use rayon::prelude::*;
 
 use crate::band::Band;
+use crate::linear::solve;
 use imaging::ImageView;
 
 /// Side length of a block, px.
@@ -115,17 +116,17 @@ fn predict_block(
         let sum = |k: usize| f64::from(products[k][COUNT + 1]);
         count * f64::from(products[i][j]) - sum(i) * sum(j)
     };
-    // Two right sides: the left pixel, and the derivative of the row offset.
-    let mut system = [[0.0; COUNT + 2]; COUNT];
-    for (i, row) in system.iter_mut().enumerate() {
-        for (j, value) in row[..=COUNT].iter_mut().enumerate() {
+    let mut matrix = [[0.0; COUNT]; COUNT];
+    for (i, row) in matrix.iter_mut().enumerate() {
+        for (j, value) in row.iter_mut().enumerate() {
             *value = spread(i, j);
         }
         row[i] += count * count * RIDGE;
     }
-    system[ABOVE][COUNT + 1] = -1.0;
-    system[BELOW][COUNT + 1] = 1.0;
-    let [filter, of_moment] = solve(system);
+    let of_left = std::array::from_fn(|i| spread(i, COUNT));
+    let mut of_rows = [0.0; COUNT];
+    (of_rows[ABOVE], of_rows[BELOW]) = (-1.0, 1.0);
+    let [filter, of_moment] = solve(matrix, [of_left, of_rows]);
     let predicted: f64 = (0..COUNT).map(|i| filter[i] * spread(i, COUNT)).sum();
     let freedom = count - COUNT as f64 - 1.0;
     let residual = (spread(COUNT, COUNT) - predicted).max(0.0) / (count * freedom);
@@ -175,26 +176,4 @@ fn row_at<'a>(image: &ImageView<'a>, x: usize, y: usize) -> &'a [u8; BLOCK_PX] {
     image.row(y)[x..x + BLOCK_PX]
         .try_into()
         .expect("a slice of the length of a block")
-}
-
-/// Solves a symmetric positive definite system by elimination, for two right sides in the last
-/// columns.
-fn solve(mut system: [[f64; COUNT + 2]; COUNT]) -> [[f64; COUNT]; 2] {
-    for k in 0..COUNT {
-        let pivot = system[k];
-        for row in &mut system[k + 1..] {
-            let factor = row[k] / pivot[k];
-            for (value, above) in row.iter_mut().zip(pivot) {
-                *value -= factor * above;
-            }
-        }
-    }
-    [COUNT, COUNT + 1].map(|side| {
-        let mut solution = [0.0; COUNT];
-        for k in (0..COUNT).rev() {
-            let known: f64 = (k + 1..COUNT).map(|j| system[k][j] * solution[j]).sum();
-            solution[k] = (system[k][side] - known) / system[k][k];
-        }
-        solution
-    })
 }

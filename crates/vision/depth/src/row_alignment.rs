@@ -11,6 +11,7 @@
 use rayon::prelude::*;
 
 use crate::band::Band;
+use crate::linear::solve;
 use crate::prediction::{Block, predict};
 use crate::smoothing::smooth;
 use imaging::ImageView;
@@ -120,23 +121,26 @@ impl RowOffsets {
         let mut coefficients = [0.0; TERMS];
         let mut covariance = [[0.0; TERMS]; TERMS];
         for _ in 0..ITERATIONS {
-            let mut system = [[0.0; 2 * TERMS + 1]; TERMS];
-            for (i, row) in system.iter_mut().enumerate() {
-                row[i] = 1.0 / (PRIOR_SIGMA_PX * PRIOR_SIGMA_PX);
-                row[TERMS + 1 + i] = 1.0;
+            let mut matrix = [[0.0; TERMS]; TERMS];
+            // The right side, and the columns of the identity.
+            let mut sides = [[0.0; TERMS]; TERMS + 1];
+            for i in 0..TERMS {
+                matrix[i][i] = 1.0 / (PRIOR_SIGMA_PX * PRIOR_SIGMA_PX);
+                sides[1 + i][i] = 1.0;
             }
             for (terms, offset, variance) in &points {
                 let error = offset - dot(&coefficients, terms);
                 // Cauchy's weight.
                 let weight = 1.0 / (variance + error * error);
-                for (i, row) in system.iter_mut().enumerate() {
-                    for (j, term) in terms.iter().enumerate() {
-                        row[j] += weight * terms[i] * term;
+                for (i, row) in matrix.iter_mut().enumerate() {
+                    for (value, term) in row.iter_mut().zip(terms) {
+                        *value += weight * terms[i] * term;
                     }
-                    row[TERMS] += weight * terms[i] * offset;
+                    sides[0][i] += weight * terms[i] * offset;
                 }
             }
-            (coefficients, covariance) = solve(system);
+            let [solution, inverse @ ..] = solve(matrix, sides);
+            (coefficients, covariance) = (solution, inverse);
         }
         let fit = Self {
             size: self.size,
@@ -248,28 +252,6 @@ impl Weights {
 
 fn dot(a: &[f64; TERMS], b: &[f64; TERMS]) -> f64 {
     a.iter().zip(b).map(|(a, b)| a * b).sum()
-}
-
-/// Solves normal equations; the columns are those of the matrix, the right side and the identity.
-/// Gives the solution and the inverse.
-fn solve(mut system: [[f64; 2 * TERMS + 1]; TERMS]) -> ([f64; TERMS], [[f64; TERMS]; TERMS]) {
-    for k in 0..TERMS {
-        let pivot = system[k][k];
-        for value in &mut system[k] {
-            *value /= pivot;
-        }
-        let pivot = system[k];
-        for (i, row) in system.iter_mut().enumerate() {
-            let factor = row[k];
-            if i != k {
-                for (value, of_pivot) in row.iter_mut().zip(pivot) {
-                    *value -= factor * of_pivot;
-                }
-            }
-        }
-    }
-    let inverse = system.map(|row| std::array::from_fn(|j| row[TERMS + 1 + j]));
-    (system.map(|row| row[TERMS]), inverse)
 }
 
 #[cfg(test)]

@@ -196,9 +196,7 @@ fn image(folder: &Path, eye: &str, number: usize) -> PathBuf {
 fn frame(folder: &Path, number: usize, geometry: Geometry) -> Result<Frame> {
     let read = |eye: &str| {
         let path = image(folder, eye, number);
-        let (pixels, size) = (grey_png(&path), png_size(&path));
-        let at = || format!("reading {}", path.display());
-        anyhow::Ok((pixels.with_context(at)?, size.with_context(at)?))
+        grey_png(&path).with_context(|| format!("reading {}", path.display()))
     };
     let ((left, size), (right, other)) = (read("image_l")?, read("image_r")?);
     ensure!(
@@ -217,13 +215,6 @@ fn frame(folder: &Path, number: usize, geometry: Geometry) -> Result<Frame> {
         geometry,
         world_from_left: RigidTransform::identity(),
     })
-}
-
-fn png_size(path: &Path) -> Result<[usize; 2]> {
-    let file = std::io::BufReader::new(fs::File::open(path)?);
-    let reader = png::Decoder::new(file).read_info()?;
-    let info = reader.info();
-    Ok([info.width as usize, info.height as usize])
 }
 
 /// `other_from_own` of two poses `world_from_left`, row-major.

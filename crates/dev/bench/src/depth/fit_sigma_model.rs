@@ -26,7 +26,7 @@ pub(super) fn fit() -> Result<String> {
         for preset in presets {
             for (k, (_, frame)) in frames.iter().enumerate() {
                 samples.extend(samples_of(*preset, frame, k)?);
-                samples.extend(samples_of(*preset, &imperfect::FITTED.apply(frame), k)?);
+                samples.extend(samples_of(*preset, &imperfect::FOR_FIT.apply(frame), k)?);
             }
         }
         let model = Model::fit(&samples).context("too few samples")?;
@@ -175,7 +175,7 @@ pub(super) fn check(places: &[Place], frames: &[Found]) -> Result<Vec<Group>> {
 pub(super) fn imperfect(frames: &[Found]) -> Result<Vec<Group>> {
     let mut groups = Vec::new();
     for preset in Preset::ALL {
-        for (name, imperfections) in imperfect::TESTED {
+        for (name, imperfections) in imperfect::FOR_TEST {
             let mut group = Group::new(&format!("imperfect: {name}"), preset);
             for (_, frame) in frames {
                 group.add(&imperfections.apply(frame))?;

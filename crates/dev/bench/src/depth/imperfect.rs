@@ -30,7 +30,7 @@ pub(super) struct Imperfections {
 }
 
 /// Combination that the sigma model is fitted with, beside no imperfection.
-pub(super) const FITTED: Imperfections = Imperfections {
+pub(super) const FOR_FIT: Imperfections = Imperfections {
     blur_px: 0.4,
     vignetting: 0.15,
     gain: -0.05,
@@ -52,7 +52,7 @@ const NONE: Imperfections = Imperfections {
 };
 
 /// Combinations to test with, and their names.
-pub(super) const TESTED: [(&str, Imperfections); 4] = [
+pub(super) const FOR_TEST: [(&str, Imperfections); 4] = [
     (
         "eyes differ",
         Imperfections {

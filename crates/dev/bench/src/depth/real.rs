@@ -34,12 +34,9 @@ pub(crate) fn motorcycle(folder: &Path) -> Result<Frame> {
     let (width, height) = (left.width as usize, left.height as usize);
     let grey = |name: &str| {
         let path = folder.join(name);
-        let pixels = grey_png(&path).with_context(|| format!("reading {}", path.display()))?;
-        ensure!(
-            pixels.len() == width * height,
-            "another size: {}",
-            path.display()
-        );
+        let (pixels, size) =
+            grey_png(&path).with_context(|| format!("reading {}", path.display()))?;
+        ensure!(size == [width, height], "another size: {}", path.display());
         anyhow::Ok(pixels)
     };
     let path = folder.join("disp0GT.pfm");
@@ -98,8 +95,8 @@ pub(crate) fn halved(frame: &Frame) -> Frame {
     }
 }
 
-/// An image file as gray levels (BT.601).
-pub(super) fn grey_png(path: &Path) -> Result<Vec<u8>> {
+/// An image file as gray levels (BT.601), and its columns and rows.
+pub(super) fn grey_png(path: &Path) -> Result<(Vec<u8>, [usize; 2])> {
     let mut decoder = png::Decoder::new(std::io::BufReader::new(fs::File::open(path)?));
     decoder.set_transformations(png::Transformations::normalize_to_color8());
     let mut reader = decoder.read_info()?;
@@ -118,7 +115,8 @@ pub(super) fn grey_png(path: &Path) -> Result<Vec<u8>> {
         }
         _ => p[0],
     };
-    Ok(data.chunks_exact(samples).map(luma).collect())
+    let pixels = data.chunks_exact(samples).map(luma).collect();
+    Ok((pixels, [info.width, info.height].map(|side| side as usize)))
 }
 
 /// A portable float map of one channel, little-endian, first row first. The file has the last row

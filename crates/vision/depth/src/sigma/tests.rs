@@ -1,6 +1,16 @@
 use super::*;
 use crate::reference::Random;
 
+/// Evidence of a distinct match on a dense surface.
+const CLEAR: Evidence = Evidence {
+    second_best_margin: 4.0,
+    cost_slope: 2.0,
+    disparity_range_px: 0.5,
+    density: 1.0,
+    lr_difference_px: 0.0,
+    correlation: 0.95,
+};
+
 /// Heavy-tailed errors whose scale depends on two components of the evidence: one in twenty is more
 /// than three times the median.
 fn samples(random: &mut Random, count: usize) -> Vec<Sample> {
@@ -96,14 +106,6 @@ fn infinite_range_gives_a_finite_sigma() {
 
 #[test]
 fn preset_models_separate_good_from_bad_evidence() {
-    let good = Evidence {
-        second_best_margin: 4.0,
-        cost_slope: 2.0,
-        disparity_range_px: 0.5,
-        density: 1.0,
-        lr_difference_px: 0.0,
-        correlation: 0.95,
-    };
     let bad = Evidence {
         second_best_margin: 0.1,
         cost_slope: 0.1,
@@ -114,33 +116,25 @@ fn preset_models_separate_good_from_bad_evidence() {
     };
     for paths in [Paths::Three, Paths::Eight] {
         let model = Model::of(paths);
-        assert!(model.sigma_px(&good) < 0.4, "{}", model.sigma_px(&good));
+        assert!(model.sigma_px(&CLEAR) < 0.4, "{}", model.sigma_px(&CLEAR));
         assert!(model.sigma_px(&bad) > 3.0, "{}", model.sigma_px(&bad));
     }
 }
 
 #[test]
 fn unknown_evidence_gives_a_large_sigma() {
-    let known = Evidence {
-        second_best_margin: 4.0,
-        cost_slope: 2.0,
-        disparity_range_px: 0.5,
-        density: 1.0,
-        lr_difference_px: 0.0,
-        correlation: 0.95,
-    };
     let model = Model::of(Paths::Eight);
     for unknown in [
         Evidence {
             disparity_range_px: f32::NAN,
-            ..known
+            ..CLEAR
         },
         Evidence {
             density: f32::NAN,
-            ..known
+            ..CLEAR
         },
     ] {
-        let ratio = model.sigma_px(&unknown) / model.sigma_px(&known);
+        let ratio = model.sigma_px(&unknown) / model.sigma_px(&CLEAR);
         assert!(ratio > 1.5, "{ratio}");
     }
 }
