@@ -25,6 +25,7 @@ use serde_json::{Map, Value, json};
 
 mod bands;
 mod charts;
+pub(crate) mod coverage;
 mod driving;
 mod fit_sigma_model;
 pub(crate) mod frames;
@@ -126,7 +127,7 @@ pub(crate) fn run(args: &[String]) -> Result<()> {
                     groups.extend(fit_sigma_model::alone(&frame)?);
                     groups.extend(fit_sigma_model::alone(&real::halved(&frame))?);
                 }
-                fit_sigma_model::json(&mut groups)
+                fit_sigma_model::json(groups)
             }
         };
         report.insert(part.clone(), json!({ "stamp": stamp, "found": found }));

@@ -6,6 +6,7 @@ use depth::sigma::{Model, Sample};
 use depth::{Band, Config, Matcher, Preset};
 use serde_json::{Value, json};
 
+use super::coverage::Coverage;
 use super::frames::Frame;
 use super::imperfect;
 use super::test_set::{self, Found, Place};
@@ -66,12 +67,8 @@ pub(super) struct Group {
     pub(super) name: String,
     pub(super) preset: Preset,
     pub(super) scores: Scores,
-    /// Sigma of each disparity that counts, and whether the error is within two of it.
-    pub(super) sigmas: Vec<(f32, bool)>,
+    pub(super) coverage: Coverage,
 }
-
-/// Parts of equal size, from the smallest to the largest sigma.
-const PARTS: usize = 4;
 
 impl Group {
     fn new(name: &str, preset: Preset) -> Self {
@@ -79,7 +76,7 @@ impl Group {
             name: name.to_owned(),
             preset,
             scores: Scores::default(),
-            sigmas: Vec::new(),
+            coverage: Coverage::default(),
         }
     }
 
@@ -90,39 +87,18 @@ impl Group {
         let mut matcher = Matcher::new(config, frame.width, frame.height)?;
         let map = matcher.run(&left, &right, &Band::full(0, frame.range, frame.height)?)?;
         self.scores.add(&Scores::of(map, frame.truth())?);
-        for i in 0..map.disparity.len() {
-            let error = (map.disparity[i] - frame.truth[i]).abs();
-            if frame.visible[i] && !error.is_nan() {
-                self.sigmas
-                    .push((map.sigma[i], error <= 2.0 * map.sigma[i]));
-            }
-        }
+        self.coverage.add(map, frame);
         Ok(())
     }
 
-    /// Sorts by sigma and gives the median, px, and the share within two sigmas of each part.
-    fn finish(&mut self) -> (f32, [f64; PARTS]) {
-        self.sigmas.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
-        let count = self.sigmas.len();
-        let median = self
-            .sigmas
-            .get(count / 2)
-            .map_or(f32::NAN, |(sigma, _)| *sigma);
-        let parts = std::array::from_fn(|k| {
-            let part = &self.sigmas[k * count / PARTS..(k + 1) * count / PARTS];
-            let within = part.iter().filter(|(_, within)| *within).count();
-            within as f64 / part.len().max(1) as f64
-        });
-        (median, parts)
-    }
-
-    fn json(&mut self) -> Value {
-        let (median, parts) = self.finish();
+    fn json(self) -> Value {
+        let shares = self.coverage.shares();
+        let (parts, median) = (shares.quarters, shares.median_sigma);
         println!(
             "sigma: {:32} {:9} {:.1} % within two, in quarters {:.1} {:.1} {:.1} {:.1}, median {median:.3} px, density {:.3}, bad-2 {:.2} %",
             self.name,
             self.preset.name(),
-            100.0 * self.scores.coverage(),
+            100.0 * shares.all,
             100.0 * parts[0],
             100.0 * parts[1],
             100.0 * parts[2],
@@ -138,7 +114,7 @@ impl Group {
             "bad_1": self.scores.bad_ratio(1),
             "bad_2": self.scores.bad_ratio(2),
             "mean_error_px": self.scores.mean_error_px(),
-            "within_two_sigma": self.scores.coverage(),
+            "within_two_sigma": shares.all,
             "within_two_sigma_in_quarters": parts,
             "median_sigma_px": median,
         })
@@ -146,8 +122,8 @@ impl Group {
 }
 
 /// All of them.
-pub(super) fn json(groups: &mut [Group]) -> Value {
-    Value::Array(groups.iter_mut().map(Group::json).collect())
+pub(super) fn json(groups: Vec<Group>) -> Value {
+    Value::Array(groups.into_iter().map(Group::json).collect())
 }
 
 /// Scores of each preset on each walk.

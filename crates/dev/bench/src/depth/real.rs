@@ -158,6 +158,7 @@ mod tests {
     use depth::evaluate::Scores;
     use depth::{Band, Config, DisparityMap, MatchStats, Matcher, Preset};
 
+    use super::super::coverage::Coverage;
     use super::super::{motorcycle, race::BAD_2};
     use super::*;
 
@@ -207,21 +208,13 @@ mod tests {
         };
         for frame in [halved(&frame), frame] {
             let (map, ..) = matched(&frame, Config::default());
-            let mut errors: Vec<[f32; 2]> = (0..map.disparity.len())
-                .filter(|i| frame.visible[*i])
-                .map(|i| [map.sigma[i], (map.disparity[i] - frame.truth[i]).abs()])
-                .filter(|[sigma, error]| !sigma.is_nan() && !error.is_nan())
-                .collect();
-            errors.sort_by(|a, b| a[0].total_cmp(&b[0]));
-            for quarter in errors.chunks(errors.len().div_ceil(4)) {
-                let within = quarter
-                    .iter()
-                    .filter(|[sigma, error]| error <= &(2.0 * sigma));
-                let ratio = within.count() as f64 / quarter.len() as f64;
-                assert!(ratio > 0.93, "{}: {ratio}", frame.name);
-            }
-            // Sharp too: as small as without a correction of the rows.
-            let median = errors[errors.len() / 2][0];
+            let mut coverage = Coverage::default();
+            coverage.add(&map, &frame);
+            let shares = coverage.shares();
+            let least = shares.quarters.into_iter().fold(1.0, f64::min);
+            assert!(least > 0.93, "{}: {:?}", frame.name, shares.quarters);
+            // Sharp too: no larger than without a correction of the rows.
+            let median = shares.median_sigma;
             assert!(median < 0.52, "{}: {median}", frame.name);
         }
     }

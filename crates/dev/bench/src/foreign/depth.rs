@@ -10,6 +10,7 @@ use harness::sequences::OwnedFrameSet;
 use serde_json::{Value, json};
 
 use super::Walk;
+use crate::depth::coverage::Coverage;
 use crate::depth::frames::Frame;
 use crate::depth::peers::{MODES, Peers, SgbmConfig};
 use crate::meter::{median, timed};
@@ -65,39 +66,28 @@ fn scores_of(scores: &Scores) -> Value {
 /// sigmas, the smallest first.
 fn ours(preset: Preset, frames: &[Frame]) -> Result<Value> {
     let (mut scores, mut ms) = (Scores::default(), Vec::new());
-    let mut answers: Vec<(f32, f32)> = Vec::new();
+    let mut coverage = Coverage::default();
     for frame in frames {
         let [left, right] = frame.images();
         let band = Band::full(0, frame.range, frame.height)?;
         let mut matcher = Matcher::new(Config::preset(preset), frame.width, frame.height)?;
         let map = matcher.run(&left, &right, &band)?;
         scores.add(&Scores::of(map, frame.truth())?);
-        let known = (0..map.disparity.len()).filter(|i| {
-            frame.visible[*i] && !frame.truth[*i].is_nan() && !map.disparity[*i].is_nan()
-        });
-        answers.extend(known.map(|i| {
-            let error = (map.disparity[i] - frame.truth[i]).abs();
-            (map.sigma[i], error / map.sigma[i])
-        }));
+        coverage.add(map, frame);
         for _ in 0..RUNS {
             let (result, took) = timed(|| matcher.run(&left, &right, &band).map(drop));
             result?;
             ms.push(1e3 * took.wall_s);
         }
     }
-    answers.sort_by(|a, b| a.0.total_cmp(&b.0));
-    let within = |part: &[(f32, f32)]| {
-        let count = part.iter().filter(|(_, sigmas)| *sigmas <= 2.0).count();
-        count as f64 / part.len().max(1) as f64
-    };
-    let quarter = answers.len().div_ceil(4).max(1);
+    let shares = coverage.shares();
     Ok(json!({
         "matcher": preset.name(),
         "scores": scores_of(&scores),
         "ms": median(ms),
-        "within_two_sigmas": within(&answers),
-        "within_by_quarter": answers.chunks(quarter).map(within).collect::<Vec<_>>(),
-        "median_sigma_px": answers.get(answers.len() / 2).map(|a| a.0),
+        "within_two_sigmas": shares.all,
+        "within_by_quarter": shares.quarters,
+        "median_sigma_px": shares.median_sigma,
     }))
 }
 
