@@ -13,7 +13,7 @@ use nalgebra::{DMatrix, Matrix3, Matrix6, Vector3};
 use rayon::prelude::*;
 
 use crate::backend::covariance::{
-    NewestCovariance, in_rig_frame, relative_in_rig_frame, tilt_uncertainty, transport,
+    NewestCovariance, in_rig_frame, relative_in_rig_frame, tilt_uncertainty,
 };
 use crate::config::Config;
 use crate::estimator::reinitialization::ResetUncertainty;
@@ -25,7 +25,7 @@ use camera_models::ImuSample;
 use imaging::Pyramid;
 
 use crate::backend::motion_factor;
-use crate::backend::newest_pose::refine_newest;
+use crate::backend::newest_pose::{pose_by_stereo, refine_newest};
 use crate::backend::observation::{Camera, CameraPose};
 use crate::backend::solver::optimize_window;
 use crate::backend::state::{ROTATION, State};
@@ -34,6 +34,7 @@ use crate::backend::window::{Frame, MotionFactor, Window};
 use crate::frontend::stale_image::StaleImageDetector;
 use crate::frontend::tracker::{Expected, Track, Tracker, transfer_pixel};
 
+mod camera_agreement;
 mod camera_shift;
 mod cross_camera;
 #[doc(hidden)]
@@ -47,6 +48,7 @@ pub use camera_shift::CameraShift;
 #[cfg(test)]
 mod tests;
 
+use camera_agreement::{Agreement, compare_cameras};
 use outliers::count_inliers;
 pub(crate) use outliers::sigma_ratio;
 
@@ -253,6 +255,22 @@ impl Odometry {
         });
         self.match_in_new_frames(&mut window, &exposure_offset_s);
         let mut information = self.estimate_newest_pose(&mut window);
+        let mut deviation = Matrix6::zeros();
+        let start_covariance = self.keyframe_covariance.state();
+        match compare_cameras(
+            &self.config.estimator,
+            &mut window,
+            &guess,
+            &start_covariance,
+        ) {
+            Agreement::All => {}
+            Agreement::Majority(of_others) => information = of_others.map(|of| *of),
+            Agreement::None(covariance) => {
+                deviation
+                    .fixed_view_mut::<3, 3>(0, 0)
+                    .copy_from(&covariance);
+            }
+        }
         if let Some(shift) = camera_shift::find(&self.config.estimator.camera_shift, &window) {
             let sigma = self.config.estimator.camera_shift.sigma_ratio * shift.rotation_rad;
             self.unmodeled
@@ -268,17 +286,18 @@ impl Odometry {
         if !is_tracked {
             // A few accidental inliers would be accepted: the pose follows the IMU prediction.
             is_connected = self.discard_newest(&mut window, guess);
-            information = refine_newest(&mut window, &self.keyframe_covariance.state(), 1);
+            information =
+                refine_newest(&mut window, &self.keyframe_covariance.state(), 1, |_| true);
         }
         let is_keyframe = self.is_keyframe(&window, is_tracked);
         let mut joint = None;
         if is_keyframe || self.optimizes_every_frame() {
             joint = optimize_window(&mut window, self.config.backend.max_iterations).1;
         }
-        let times = sigma_ratio(&self.config.estimator, inliers);
+        let times = sigma_ratio(&self.config.estimator, inliers, self.cameras.len());
         let own = |times: f64| information.and_then(|of| of.pose_covariance(times));
         // Few inliers may all be on one object that moves.
-        let relative_covariance = own(times).unwrap_or_else(Matrix6::identity);
+        let relative_covariance = own(times).unwrap_or_else(Matrix6::identity) + deviation;
         let unexplained = own(1.0).map_or_else(Matrix6::zeros, |own| relative_covariance - own);
         let last_odom = self.odom_from_body;
         let before = &window.frames[window.frames.len() - 2].state;
@@ -287,17 +306,15 @@ impl Odometry {
         if is_keyframe {
             self.odom_from_keyframe = self.odom_from_body;
         }
-        let keyframe_covariance = || {
+        let from_keyframe = || {
             let from = &window.frames[window.frames.len() - 2].state;
-            transport(
-                from,
-                &window.newest().state,
-                &self.keyframe_covariance.pose(),
-            )
+            let by_stereo = information.and_then(|of| pose_by_stereo(&window, &of));
+            self.keyframe_covariance
+                .at_newest(from, &window.newest().state, by_stereo.as_ref())
         };
         let covariance = match &joint {
             Some(joint) => joint.pose() + unexplained,
-            None => keyframe_covariance() + relative_covariance,
+            None => from_keyframe() + relative_covariance,
         };
         if let Some(joint) = joint.filter(|_| is_keyframe) {
             self.keyframe_covariance = joint;
@@ -323,7 +340,7 @@ impl Odometry {
             is_tracked,
             is_keyframe,
         );
-        if is_keyframe && times > 1.0 {
+        if is_keyframe && unexplained != Matrix6::zeros() {
             self.add_unmodeled(&window.newest().state, unexplained);
         }
         if self.is_lost {

@@ -387,7 +387,8 @@ impl Mapping {
             .flat_map(|of| of.iter_mut().skip(1))
         {
             let count = continued[number];
-            *observation = observation.widened(sigma_ratio(&self.config.estimator, count));
+            let times = sigma_ratio(&self.config.estimator, count, self.cameras.len());
+            *observation = observation.widened(times);
         }
         // The prior is about the nominal calibration, the start is the last causal estimate.
         let prior = prior.with_stereo(&self.cameras, &self.stereo_information);

@@ -1,7 +1,7 @@
 //! Covariance inflation: from the covariance of the solver to the reported one.
 
 use cad_transforms::RigidTransform;
-use nalgebra::{DMatrix, Matrix6, Matrix6x2, SMatrix};
+use nalgebra::{Const, DMatrix, Dyn, Matrix6, Matrix6x2, OMatrix, SMatrix};
 
 use crate::backend::state::{POSE_DIM, STATE_DIM, State};
 use crate::config::CovarianceConfig;
@@ -26,6 +26,27 @@ impl NewestCovariance {
         self.joint
             .view((STATE_DIM, STATE_DIM), (size, size))
             .into_owned()
+    }
+
+    /// Covariance of the pose of a later state, which observes landmarks of this one and earlier
+    /// ones. `by_stereo` is the derivative of the motion since then by the errors of the stereo
+    /// calibrations.
+    pub(crate) fn at_newest(
+        &self,
+        from: &State,
+        to: &State,
+        by_stereo: Option<&OMatrix<f64, Const<POSE_DIM>, Dyn>>,
+    ) -> Matrix6<f64> {
+        let rigid = transport_jacobian(from, to);
+        let start = rigid * self.pose() * rigid.transpose();
+        let Some(by_stereo) = by_stereo else {
+            return start;
+        };
+        let with_stereo = self
+            .joint
+            .view((0, STATE_DIM), (POSE_DIM, by_stereo.ncols()));
+        let cross = rigid * with_stereo * by_stereo.transpose();
+        start + cross + cross.transpose() + by_stereo * self.stereo() * by_stereo.transpose()
     }
 
     /// Covariance of the pose.
@@ -122,6 +143,12 @@ pub(crate) fn adjoint(b_from_a: &RigidTransform) -> Matrix6<f64> {
 
 /// Covariance of the pose of one state, transported rigidly to another state.
 pub(crate) fn transport(from: &State, to: &State, covariance: &Matrix6<f64>) -> Matrix6<f64> {
+    let jacobian = transport_jacobian(from, to);
+    jacobian * covariance * jacobian.transpose()
+}
+
+/// Its Jacobian.
+fn transport_jacobian(from: &State, to: &State) -> Matrix6<f64> {
     let mut jacobian = Matrix6::identity();
     let rotation = from.rotation.to_rotation_matrix().into_inner();
     let lever_arm = from.rotation.inverse() * (to.position - from.position);
@@ -132,7 +159,7 @@ pub(crate) fn transport(from: &State, to: &State, covariance: &Matrix6<f64>) -> 
     jacobian
         .fixed_view_mut::<3, 3>(3, 3)
         .copy_from(&relative.to_rotation_matrix().into_inner());
-    jacobian * covariance * jacobian.transpose()
+    jacobian
 }
 
 #[cfg(test)]

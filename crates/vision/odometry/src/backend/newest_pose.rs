@@ -1,12 +1,13 @@
 //! Estimation of the newest pose alone: landmarks and all other frames are fixed.
 
-use nalgebra::{SMatrix, SVector, Vector3};
+use nalgebra::{Const, Dyn, OMatrix, SMatrix, SVector, Vector3};
 
 use crate::backend::motion_factor;
 use crate::backend::observation::{BearingObservation, CameraPose};
-use crate::backend::solver::{ByPose, residuals};
+use crate::backend::solver::{ByPose, Residual, residuals};
 use crate::backend::state::{POSE_DIM, STATE_DIM, State};
-use crate::backend::window::Window;
+use crate::backend::stereo::STEREO_DIM;
+use crate::backend::window::{Landmark, Window};
 
 /// Information of the newest state, everything else fixed.
 #[derive(Clone, Copy, Debug)]
@@ -30,44 +31,145 @@ impl NewestInformation {
                 .into_owned(),
         )
     }
+
+    /// Covariance of the difference between the poses of two estimates with different images and
+    /// the same motion factor.
+    pub(crate) fn difference_covariance(
+        &self,
+        other: &Self,
+    ) -> Option<SMatrix<f64, POSE_DIM, POSE_DIM>> {
+        let mut motion = self.all;
+        let mut view = motion.fixed_view_mut::<POSE_DIM, POSE_DIM>(0, 0);
+        view -= self.images;
+        let [a, b] = [self, other].map(|of| Some(of.all.cholesky()?.inverse()));
+        let (a, b) = (a?, b?);
+        let by_images = |covariance: &SMatrix<f64, STATE_DIM, STATE_DIM>, of: &Self| {
+            let pose = covariance.fixed_view::<POSE_DIM, POSE_DIM>(0, 0);
+            pose * of.images * pose
+        };
+        let by_motion = a.fixed_rows::<POSE_DIM>(0) - b.fixed_rows::<POSE_DIM>(0);
+        let common = by_motion * motion * by_motion.transpose();
+        Some(by_images(&a, self) + by_images(&b, other) + common)
+    }
+}
+
+/// Observation of a landmark in the newest frame, the landmark fixed.
+struct Term<'a> {
+    landmark: &'a Landmark,
+    observation: &'a BearingObservation,
+    /// Origin of the landmark's host in the world.
+    origin: Vector3<f64>,
+    /// Point relative to this origin in the axes of the world, scaled by its inverse range, and its
+    /// derivative by the inverse range.
+    x: Vector3<f64>,
+    x_by_rho: Vector3<f64>,
+}
+
+/// Observations of the newest frame.
+fn terms<'a>(window: &'a Window, uses_camera: impl Fn(usize) -> bool) -> Vec<Term<'a>> {
+    let last = window.frames.len() - 1;
+    let number = window.frames[last].number;
+    let uses_camera = &uses_camera;
+    let of_landmark = |landmark: &'a Landmark| {
+        let observations = &landmark.observations;
+        let (host_number, host) = &observations[0];
+        let frame = window
+            .position(*host_number)
+            .filter(|frame| *frame != last)?;
+        let host_pose = CameraPose::new(&window.frames[frame].state, host.exposure_offset_s);
+        let (rotation, arm) = &window.cameras[host.camera].body_from_left;
+        let x_by_rho = host_pose.rotation * arm;
+        let x = host_pose.rotation * (rotation * host.left.ray) + x_by_rho * landmark.rho;
+        let newest = &observations[landmark.since(number)..];
+        let used = newest.iter().filter(|(_, o)| uses_camera(o.camera));
+        Some(used.map(move |(_, observation)| Term {
+            landmark,
+            observation,
+            origin: host_pose.position,
+            x,
+            x_by_rho,
+        }))
+    };
+    (window.landmarks.values().filter_map(of_landmark))
+        .flatten()
+        .collect()
+}
+
+impl Term<'_> {
+    /// Residuals in both images, and their Jacobians by the pose.
+    fn linearize(&self, window: &Window, state: &State) -> [Option<(Residual, ByPose)>; 2] {
+        let rho = self.landmark.rho;
+        let camera = &window.cameras[self.observation.camera];
+        let pose = CameraPose::new(state, self.observation.exposure_offset_s);
+        let (rotation, arm) = &camera.body_from_left;
+        let offset = self.origin - pose.position;
+        let in_target = pose.rotation.transpose() * (self.x + offset * rho);
+        let x = rotation.transpose() * (in_target - arm * rho);
+        let left_from_world = rotation.transpose() * pose.rotation.transpose();
+        let by_rho = left_from_world * (self.x_by_rho + offset) - rotation.transpose() * arm;
+        let by_rotation = rotation.transpose() * in_target.cross_matrix() * pose.then_from_state;
+        let config = &window.config;
+        let each = residuals(camera, self.observation, &x, &by_rho, rho, false, config);
+        each.map(|residual| {
+            let residual = residual?;
+            let mut by_pose = ByPose::zeros();
+            by_pose
+                .fixed_columns_mut::<3>(0)
+                .copy_from(&(-residual.by_x * left_from_world * rho));
+            by_pose
+                .fixed_columns_mut::<3>(3)
+                .copy_from(&(residual.by_x * by_rotation));
+            Some((residual, by_pose))
+        })
+    }
+}
+
+/// Derivative of the newest pose by the errors of the stereo calibrations, which change the inverse
+/// ranges of all landmarks alike.
+pub(crate) fn pose_by_stereo(
+    window: &Window,
+    information: &NewestInformation,
+) -> Option<OMatrix<f64, Const<POSE_DIM>, Dyn>> {
+    let state = &window.newest().state;
+    let config = &window.config;
+    let scale = config.observation_sigma_px * config.newest_pose.tukey_sigma_final;
+    let mut gradient =
+        OMatrix::<f64, Const<POSE_DIM>, Dyn>::zeros(window.cameras.len() * STEREO_DIM);
+    for term in terms(window, |_| true) {
+        let host = &term.landmark.observations[0].1;
+        let rho_by_host =
+            window.cameras[host.camera].inverse_range_by_stereo(host, term.landmark.rho);
+        for (r, by_pose) in term.linearize(window, state).into_iter().flatten() {
+            let size = r.residual.norm() / scale;
+            if size >= 1.0 {
+                continue;
+            }
+            let weight = (1.0 - size * size).powi(2) / config.observation_sigma_px.powi(2);
+            let weighted = by_pose.transpose() * weight;
+            let mut of_host = gradient.fixed_columns_mut::<STEREO_DIM>(host.camera * STEREO_DIM);
+            of_host += weighted * r.by_rho * rho_by_host;
+            let camera = term.observation.camera;
+            let mut own = gradient.fixed_columns_mut::<STEREO_DIM>(camera * STEREO_DIM);
+            own += weighted * r.by_stereo;
+        }
+    }
+    Some(-information.pose_covariance(1.0)? * gradient)
 }
 
 /// Optimizes the newest state with everything else fixed, and returns its information. The loss is
 /// Tukey's with a scale that decreases with the iterations. `start_covariance` is the covariance of
-/// the previous state, whose velocity, biases and tilt are uncertain.
+/// the previous state, whose velocity, biases and tilt are uncertain. Only observations of the
+/// cameras that `uses_camera` accepts are used.
 pub(crate) fn refine_newest(
     window: &mut Window,
     start_covariance: &SMatrix<f64, STATE_DIM, STATE_DIM>,
     rounds: usize,
+    uses_camera: impl Fn(usize) -> bool,
 ) -> Option<NewestInformation> {
     let last = window.frames.len() - 1;
-    let number = window.frames[last].number;
     let config = window.config;
     let sigma = config.observation_sigma_px;
-    // Landmarks are fixed: positions in the world, scaled by their inverse ranges.
-    let visual_terms: Vec<(Vector3<f64>, Vector3<f64>, f64, BearingObservation)> = window
-        .landmarks
-        .values()
-        .filter_map(|landmark| {
-            let observations = &landmark.observations[landmark.since(number)..];
-            let (host_number, host) = &landmark.observations[0];
-            let frame = window.position(*host_number)?;
-            if observations.is_empty() || frame == last {
-                return None;
-            }
-            let camera_pose = CameraPose::new(&window.frames[frame].state, host.exposure_offset_s);
-            let (rotation, arm) = &window.cameras[host.camera].body_from_left;
-            let in_host = rotation * host.left.ray + arm * landmark.rho;
-            let x = camera_pose.rotation * in_host;
-            let each = observations.iter();
-            Some(
-                each.map(move |(_, observation)| {
-                    (x, camera_pose.position, landmark.rho, *observation)
-                }),
-            )
-        })
-        .flatten()
-        .collect();
+    let terms = terms(window, uses_camera);
     // Without an IMU the guess may have a large error.
     let preintegrated = window.frames[last]
         .motion
@@ -78,45 +180,23 @@ pub(crate) fn refine_newest(
     } else {
         &config.newest_pose.tukey_sigma_without_imu
     };
+    let mut state: State = window.frames[last].state;
     let mut information = None;
     for round in 0..rounds + reach.len() {
-        let state: State = window.frames[last].state;
         let scale = reach
             .get(round)
             .copied()
             .unwrap_or(config.newest_pose.tukey_sigma_final);
         let mut h = SMatrix::<f64, STATE_DIM, STATE_DIM>::zeros();
         let mut g = SVector::<f64, STATE_DIM>::zeros();
-        for (x, position, rho, observation) in &visual_terms {
-            let camera = &window.cameras[observation.camera];
-            let camera_pose = CameraPose::new(&state, observation.exposure_offset_s);
-            let (rotation, arm) = &camera.body_from_left;
-            let in_target =
-                camera_pose.rotation.transpose() * (x + (position - camera_pose.position) * *rho);
-            let x_in_left = rotation.transpose() * (in_target - arm * *rho);
-            let left_from_world = rotation.transpose() * camera_pose.rotation.transpose();
-            let by_rotation =
-                rotation.transpose() * in_target.cross_matrix() * camera_pose.then_from_state;
-            let rays = residuals(
-                camera,
-                observation,
-                &x_in_left,
-                &Vector3::zeros(),
-                *rho,
-                false,
-                &config,
-            );
-            for r in rays.into_iter().flatten() {
+        for term in &terms {
+            let by_pose = term.linearize(window, &state);
+            for (r, j) in by_pose.into_iter().flatten() {
                 let size = r.residual.norm() / (sigma * scale);
                 if size >= 1.0 {
                     continue;
                 }
                 let weight = (1.0 - size * size).powi(2) / (sigma * sigma);
-                let mut j = ByPose::zeros();
-                j.fixed_columns_mut::<3>(0)
-                    .copy_from(&(-r.by_x * left_from_world * *rho));
-                j.fixed_columns_mut::<3>(3)
-                    .copy_from(&(r.by_x * by_rotation));
                 let weighted = j.transpose() * weight;
                 let block = weighted * j;
                 let mut view = h.fixed_view_mut::<POSE_DIM, POSE_DIM>(0, 0);
@@ -138,10 +218,11 @@ pub(crate) fn refine_newest(
             return None;
         }
         information = Some(NewestInformation { all: h, images });
-        window.frames[last].state = state.plus(&step);
+        state = state.plus(&step);
         if round >= reach.len() && step.fixed_rows::<POSE_DIM>(0).amax() < 1e-6 {
             break;
         }
     }
+    window.frames[last].state = state;
     information
 }

@@ -10,10 +10,10 @@
 //! for rows of rolling shutters. Over this offset the body moves at constant rate and velocity.
 
 use camera_models::{Eye as Side, Lens};
-use nalgebra::{Matrix2x3, Matrix3, Vector2, Vector3};
+use nalgebra::{Matrix2x3, Matrix3, SMatrix, Vector2, Vector3};
 
 use crate::backend::state::State;
-use crate::backend::stereo::StereoGeometry;
+use crate::backend::stereo::{STEREO_DIM, StereoGeometry};
 use crate::rig::StereoCamera;
 
 /// Geometry of one stereo camera; the body is the frame of states.
@@ -104,6 +104,23 @@ impl Camera {
         let rho = -a.dot(&b) / a.norm_squared();
         let x = self.stereo.decentre(ray + origin * rho);
         (rho, (right.basis * x / x.norm()).norm())
+    }
+
+    /// Derivative of a triangulated inverse range by the error of the stereo calibration; zero
+    /// without a match in the right image.
+    pub(crate) fn inverse_range_by_stereo(
+        &self,
+        observation: &BearingObservation,
+        rho: f64,
+    ) -> SMatrix<f64, 1, STEREO_DIM> {
+        let Some(right) = &observation.right else {
+            return SMatrix::zeros();
+        };
+        let origin = &self.right_from_left.1;
+        let x = self.in_right(&observation.left.ray, rho);
+        let along = right.basis * origin;
+        let by_error = right.basis * self.stereo.jacobian(&x, origin, rho);
+        -along.transpose() * by_error / along.norm_squared()
     }
 
     /// Standard deviation of the epipolar error of a match with this inverse range, px, due to the

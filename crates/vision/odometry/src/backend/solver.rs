@@ -135,9 +135,9 @@ struct Part {
 pub(super) struct Residual {
     pub(super) residual: Vector2<f64>,
     pub(super) by_x: SMatrix<f64, 2, 3>,
-    by_rho: Vector2<f64>,
+    pub(super) by_rho: Vector2<f64>,
     /// By the error of the stereo calibration; zero in the left image.
-    by_stereo: ByStereo,
+    pub(super) by_stereo: ByStereo,
     weight: f64,
     cost: f64,
 }

@@ -14,7 +14,7 @@
 //! those of other points. A rotation about y adds a constant to all inverse ranges, which near and
 //! distant points contradict differently; only the baseline acts on all alike, and needs an IMU.
 
-use nalgebra::{DMatrix, DVector, Matrix3, Matrix6, SMatrix, SVector, Vector3};
+use nalgebra::{DMatrix, Matrix3, Matrix6, SMatrix, SVector, Vector3};
 
 use crate::backend::observation::Camera;
 use crate::config::{BackendConfig, StereoCalibrationConfig};
@@ -137,24 +137,38 @@ fn decentring_per_unit(point: &Vector3<f64>) -> f64 {
 pub(crate) fn prior_information(config: &BackendConfig, cameras: &[StereoCamera]) -> DMatrix<f64> {
     let stereo = &config.stereo;
     let rotation = stereo.rotation_sigma_rad;
-    let sigmas = cameras.iter().flat_map(|camera| {
-        let stated = camera.right_from_left_covariance.as_ref();
-        stated.map_or(
-            [
-                rotation,
-                rotation,
-                rotation,
-                stereo.baseline_sigma,
-                stereo.focal_sigma,
-                stereo.principal_point_sigma,
-                stereo.decentring_sigma,
-            ],
-            |covariance| stated_sigmas(stereo, camera, covariance),
-        )
-    });
-    let information = sigmas.map(|sigma| (config.covariance.sigma_inflation / sigma).powi(2));
+    let unstated = [
+        rotation,
+        rotation,
+        rotation,
+        stereo.baseline_sigma,
+        stereo.focal_sigma,
+        stereo.principal_point_sigma,
+        stereo.decentring_sigma,
+    ];
     let size = cameras.len() * STEREO_DIM;
-    DMatrix::from_diagonal(&DVector::from_iterator(size, information))
+    let mut covariance = DMatrix::zeros(size, size);
+    let inflation = config.covariance.sigma_inflation;
+    for (k, camera) in cameras.iter().enumerate() {
+        let stated = camera.right_from_left_covariance.as_ref();
+        let sigmas = stated.map_or(unstated, |stated| stated_sigmas(stereo, camera, stated));
+        for (component, sigma) in sigmas.into_iter().enumerate() {
+            let own = k * STEREO_DIM + component;
+            covariance[(own, own)] = (sigma / inflation).powi(2);
+            if stated.is_some() {
+                continue;
+            }
+            for (j, other) in cameras.iter().enumerate() {
+                if j != k && other.right_from_left_covariance.is_none() {
+                    let at = (own, j * STEREO_DIM + component);
+                    covariance[at] = stereo.correlation * covariance[(own, own)];
+                }
+            }
+        }
+    }
+    covariance
+        .try_inverse()
+        .unwrap_or_else(|| DMatrix::zeros(size, size))
 }
 
 /// Gives cameras their parts of a joint covariance of the errors, as the solver has it.
@@ -237,6 +251,30 @@ mod tests {
                 by.column(k)
             );
         }
+    }
+
+    #[test]
+    fn cameras_without_covariance_may_deviate_alike() {
+        let mut cameras = vec![crate::test_rig::stereo(0.1); 3];
+        let config = BackendConfig::default();
+        // Squared Mahalanobis distance of the same rotation of all right eyes, by stated sigmas.
+        let distance = |cameras: &[StereoCamera], sigmas: f64| {
+            let information = prior_information(&config, cameras);
+            let mut error = DMatrix::zeros(information.nrows(), 1);
+            for camera in 0..cameras.len() {
+                error[camera * STEREO_DIM + 1] = sigmas * config.stereo.rotation_sigma_rad;
+            }
+            (error.transpose() * information * error)[0] / config.covariance.sigma_inflation.powi(2)
+        };
+        assert!((distance(&cameras[..1], 2.0) - 4.0).abs() < 1e-9);
+        // Three independent ones would be 12.
+        let expected = 3.0 * 4.0 / (1.0 + 2.0 * config.stereo.correlation);
+        assert!((distance(&cameras, 2.0) - expected).abs() < 1e-9);
+        // One that states its covariance says nothing of the others.
+        cameras[2].right_from_left_covariance = Some(Matrix6::identity() * 1e-8);
+        let information = prior_information(&config, &cameras);
+        assert_eq!(information[(1, 2 * STEREO_DIM + 1)], 0.0);
+        assert!(information[(1, STEREO_DIM + 1)] < 0.0);
     }
 
     #[test]

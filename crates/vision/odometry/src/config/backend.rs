@@ -95,7 +95,7 @@ config! {
         /// degrees.
         pub rotation_sigma_rad: f64 = 2e-3,
         /// Baseline, relative. Only an IMU determines it, and in a minute less well than a factory.
-        pub baseline_sigma: f64 = 0.01,
+        pub baseline_sigma: f64 = 0.02,
         /// Focal length, relative.
         pub focal_sigma: f64 = 3e-3,
         /// Principal point along the baseline, in focal lengths.
@@ -105,6 +105,9 @@ config! {
         /// rotation about y. Source: rows of the rectified pairs of `KITTI_sequence_1` differ by
         /// 5e-3.
         pub decentring_sigma: f64 = 5e-3,
+        /// Correlation between cameras of one rig, which were made and calibrated alike. With 0
+        /// three right eyes that are rotated by the same angle are taken for unlikely.
+        pub correlation: f64 = 0.5,
         /// Additional rotation sigma where the calibration states its covariance, rad: eyes turn
         /// as they warm up.
         pub stated_rotation_floor_rad: f64 = 2e-4,

@@ -20,7 +20,8 @@ impl Odometry {
         let config = &self.config.estimator;
         let last = window.frames.len() - 1;
         let guess = window.frames[last].clone();
-        let information = refine_newest(window, &self.keyframe_covariance.state(), rounds);
+        let information =
+            refine_newest(window, &self.keyframe_covariance.state(), rounds, |_| true);
         let (inliers, all) = count_inliers(window);
         let has_gravity = guess.motion.as_ref().is_some_and(|m| m.has_gravity);
         if !has_gravity
@@ -44,7 +45,8 @@ impl Odometry {
             }),
             ..guess
         };
-        let without_imu = refine_newest(window, &self.keyframe_covariance.state(), rounds);
+        let without_imu =
+            refine_newest(window, &self.keyframe_covariance.state(), rounds, |_| true);
         let (now, _) = count_inliers(window);
         if (now as f64) >= config.vision_only_inlier_ratio * all as f64 && now > 2 * inliers {
             return without_imu;
@@ -122,9 +124,11 @@ impl Odometry {
     }
 }
 
-/// Factor on the standard deviations of images with this number of inliers, at least 1.
-pub(crate) fn sigma_ratio(config: &EstimatorConfig, inliers: usize) -> f64 {
-    let few = config.independent_inliers as f64 / inliers.max(1) as f64;
+/// Factor on the standard deviations of images with this number of inliers in all cameras together,
+/// at least 1.
+pub(crate) fn sigma_ratio(config: &EstimatorConfig, inliers: usize, cameras: usize) -> f64 {
+    let independent = config.independent_inliers * cameras;
+    let few = independent as f64 / inliers.max(1) as f64;
     few.max(1.0).powi(2)
 }
 
@@ -175,8 +179,9 @@ mod tests {
     #[test]
     fn few_inliers_count_less() {
         let config = EstimatorConfig::default();
-        let times = |inliers| sigma_ratio(&config, inliers);
+        let times = |inliers| sigma_ratio(&config, inliers, 1);
         assert_eq!(times(config.independent_inliers), 1.0);
+        assert_eq!(sigma_ratio(&config, config.independent_inliers, 2), 4.0);
         assert_eq!(times(1000), 1.0);
         assert_eq!(times(config.independent_inliers / 2), 4.0);
         assert!(times(0).is_finite());

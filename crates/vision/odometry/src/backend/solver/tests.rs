@@ -8,7 +8,7 @@ use camera_models::{CameraModel, Distortion, Eye as Side};
 
 use super::*;
 use crate::backend::marginalization::marginalize;
-use crate::backend::newest_pose::refine_newest;
+use crate::backend::newest_pose::{pose_by_stereo, refine_newest};
 use crate::backend::state::{POSITION, ROTATION, State};
 use crate::backend::window::{Frame, Prior};
 use crate::rig::StereoCamera;
@@ -57,9 +57,13 @@ fn truth(k: usize) -> State {
     }
 }
 
-/// Noise-free observations of surrounding points.
+/// Noise-free observations of surrounding points by two cameras.
 pub(crate) fn window(frames: usize, line_s: f64) -> Window {
-    let cameras = vec![camera(-0.5, 0.0), camera(0.4, line_s)];
+    window_of(vec![camera(-0.5, 0.0), camera(0.4, line_s)], frames)
+}
+
+/// The same by these cameras.
+pub(crate) fn window_of(cameras: Vec<Camera>, frames: usize) -> Window {
     let mut landmarks: BTreeMap<u64, Landmark> = BTreeMap::new();
     for id in 0..240_u64 {
         let a = (id as f64 * 0.618).fract() * 2.4 - 1.2;
@@ -183,6 +187,21 @@ fn window_converges_to_the_ground_truth_from_a_distant_start() {
     }
 }
 
+/// Velocity and biases are not observed: a constant-velocity factor constrains them weakly.
+pub(crate) fn add_constant_velocity(window: &mut Window) {
+    let last = window.frames.len() - 1;
+    window.frames[last].motion = Some(crate::backend::window::MotionFactor {
+        preintegrated: crate::inertial::propagation::constant_velocity(
+            &Default::default(),
+            &window.frames[last - 1].state,
+            truth(last - 1).rate(),
+            window.frames[last].state.time_ns,
+        ),
+        has_gravity: false,
+        bias_walk: [1e-6; 2],
+    });
+}
+
 #[test]
 fn newest_state_alone_converges_to_the_ground_truth() {
     let exact = window(4, 0.0);
@@ -192,19 +211,9 @@ fn newest_state_alone_converges_to_the_ground_truth() {
     error[4] = -0.01;
     let last = moved.frames.len() - 1;
     moved.frames[last].state = moved.frames[last].state.plus(&error);
-    // Velocity and biases are not observed: the constant-velocity factor constrains them weakly.
-    moved.frames[last].motion = Some(crate::backend::window::MotionFactor {
-        preintegrated: crate::inertial::propagation::constant_velocity(
-            &Default::default(),
-            &moved.frames[last - 1].state,
-            truth(last - 1).rate(),
-            moved.frames[last].state.time_ns,
-        ),
-        has_gravity: false,
-        bias_walk: [1e-6; 2],
-    });
+    add_constant_velocity(&mut moved);
     assert!(farthest(&moved) > 0.02);
-    let information = refine_newest(&mut moved, &SMatrix::identity(), 8);
+    let information = refine_newest(&mut moved, &SMatrix::identity(), 8, |_| true);
     let information = information.expect("hundreds of observations determine the pose");
     assert!(farthest(&moved) < 1e-4, "{}", farthest(&moved));
     let sigma = |times| {
@@ -215,6 +224,38 @@ fn newest_state_alone_converges_to_the_ground_truth() {
     // Images alone determine the pose here.
     let ratio = sigma(2.0) / sigma(1.0);
     assert!(ratio > 1.9 && ratio < 2.0 + 1e-9, "{ratio}");
+}
+
+#[test]
+fn newest_pose_depends_on_the_stereo_calibration_as_its_derivative_says() {
+    let mut exact = window(4, 0.0);
+    add_constant_velocity(&mut exact);
+    let estimate = |window: &mut Window| refine_newest(window, &SMatrix::identity(), 8, |_| true);
+    let information = estimate(&mut exact).expect("hundreds of observations determine the pose");
+    let derivative = pose_by_stereo(&exact, &information).expect("a derivative");
+    // The decentring, which is last, hardly changes inverse ranges.
+    for component in 0..STEREO_DIM - 1 {
+        let mut error = StereoVector::zeros();
+        error[component] = 2e-5;
+        let mut other = exact.clone();
+        stereo::apply_error(&mut other.cameras[0], &error);
+        // Inverse ranges follow the calibration of the host.
+        for landmark in other.landmarks.values_mut() {
+            let host = &landmark.observations[0].1;
+            if let (0, Some(right)) = (host.camera, &host.right) {
+                landmark.rho = other.cameras[0].triangulate(&host.left, right).0;
+            }
+        }
+        estimate(&mut other).expect("as determined");
+        let change = other.newest().state.minus(&exact.newest().state);
+        let change = change.fixed_rows::<POSE_DIM>(0);
+        let expected = derivative.column(component) * error[component];
+        let deviation = (change - expected).norm();
+        assert!(
+            deviation < 0.1 * expected.norm() + 1e-7,
+            "{component}: {change} instead of {expected}"
+        );
+    }
 }
 
 #[test]
