@@ -99,7 +99,7 @@ config! {
         /// Focal length, relative.
         pub focal_sigma: f64 = 3e-3,
         /// Principal point along the baseline, in focal lengths.
-        pub principal_point_sigma: f64 = 1.5e-3,
+        pub principal_point_sigma: f64 = 2e-3,
         /// Decentring of the right lens minus that of the left one (`p2`), across epipolar lines
         /// only, also where the calibration states its covariance. Lower takes the lenses for a
         /// rotation about y. Source: rows of the rectified pairs of `KITTI_sequence_1` differ by
