@@ -167,7 +167,7 @@ pub(crate) fn run(args: &[String]) -> Result<()> {
         "points": points,
     });
     let name = "odometry_calibration.json".to_owned();
-    let mut files = vec![(name, format!("{report:#}\n"))];
+    let mut files = vec![(name, format!("{report}\n"))];
     files.extend(charts::draw(&points, &stamp::line(&stamp)));
     results::write(&options.out, files)
 }
@@ -217,6 +217,11 @@ fn estimates(refined: &Refined) -> Vec<[[f64; 7]; 2]> {
 }
 
 impl Point {
+    fn with_imu(&self) -> bool {
+        RIGS.iter()
+            .any(|(rig, _, with_imu)| *rig == self.rig && *with_imu)
+    }
+
     fn judge(&self) -> Outcome {
         let both = [&self.causal.figures, &self.refined.figures];
         let all_tracked = both.iter().all(|f| matches!(f.poses, [_, 0, 0]));
