@@ -28,7 +28,7 @@ use crate::stamp;
 
 mod charts;
 
-/// Walks: a straight one, turning ones. No constant was tuned on them.
+/// Walks: a straight one, turning ones. Widths of priors were chosen on them, no other constant.
 const WALKS: [&str; 3] = ["corridor-day-51-20", "pavement-day-51-20", "room-day-51-20"];
 /// Cameras in use, and whether their IMU is.
 const RIGS: [(&str, &[&str], bool); 4] = [
