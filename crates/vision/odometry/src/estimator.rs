@@ -265,7 +265,7 @@ impl Odometry {
         ) {
             Agreement::All => {}
             Agreement::Majority(of_others) => information = of_others.map(|of| *of),
-            Agreement::None(covariance) => {
+            Agreement::NoMajority(covariance) => {
                 deviation
                     .fixed_view_mut::<3, 3>(0, 0)
                     .copy_from(&covariance);

@@ -38,6 +38,7 @@ impl NewestInformation {
         &self,
         other: &Self,
     ) -> Option<SMatrix<f64, POSE_DIM, POSE_DIM>> {
+        // That of the other estimate is the same but for its linearization point.
         let mut motion = self.all;
         let mut view = motion.fixed_view_mut::<POSE_DIM, POSE_DIM>(0, 0);
         view -= self.images;
@@ -54,7 +55,7 @@ impl NewestInformation {
 }
 
 /// Observation of a landmark in the newest frame, the landmark fixed.
-struct Term<'a> {
+struct NewestObservation<'a> {
     landmark: &'a Landmark,
     observation: &'a BearingObservation,
     /// Origin of the landmark's host in the world.
@@ -66,7 +67,10 @@ struct Term<'a> {
 }
 
 /// Observations of the newest frame.
-fn terms<'a>(window: &'a Window, uses_camera: impl Fn(usize) -> bool) -> Vec<Term<'a>> {
+fn newest_observations<'a>(
+    window: &'a Window,
+    uses_camera: impl Fn(usize) -> bool,
+) -> Vec<NewestObservation<'a>> {
     let last = window.frames.len() - 1;
     let number = window.frames[last].number;
     let uses_camera = &uses_camera;
@@ -82,7 +86,7 @@ fn terms<'a>(window: &'a Window, uses_camera: impl Fn(usize) -> bool) -> Vec<Ter
         let x = host_pose.rotation * (rotation * host.left.ray) + x_by_rho * landmark.rho;
         let newest = &observations[landmark.since(number)..];
         let used = newest.iter().filter(|(_, o)| uses_camera(o.camera));
-        Some(used.map(move |(_, observation)| Term {
+        Some(used.map(move |(_, observation)| NewestObservation {
             landmark,
             observation,
             origin: host_pose.position,
@@ -95,7 +99,7 @@ fn terms<'a>(window: &'a Window, uses_camera: impl Fn(usize) -> bool) -> Vec<Ter
         .collect()
 }
 
-impl Term<'_> {
+impl NewestObservation<'_> {
     /// Residuals in both images, and their Jacobians by the pose.
     fn linearize(&self, window: &Window, state: &State) -> [Option<(Residual, ByPose)>; 2] {
         let rho = self.landmark.rho;
@@ -124,6 +128,12 @@ impl Term<'_> {
     }
 }
 
+/// Weight of a residual by Tukey's loss with this scale, in standard deviations; `None` beyond it.
+fn tukey_weight(residual: &Residual, sigma_px: f64, scale: f64) -> Option<f64> {
+    let size = residual.residual.norm() / (sigma_px * scale);
+    (size < 1.0).then(|| (1.0 - size * size).powi(2) / (sigma_px * sigma_px))
+}
+
 /// Derivative of the newest pose by the errors of the stereo calibrations, which change the inverse
 /// ranges of all landmarks alike.
 pub(crate) fn pose_by_stereo(
@@ -132,23 +142,21 @@ pub(crate) fn pose_by_stereo(
 ) -> Option<OMatrix<f64, Const<POSE_DIM>, Dyn>> {
     let state = &window.newest().state;
     let config = &window.config;
-    let scale = config.observation_sigma_px * config.newest_pose.tukey_sigma_final;
+    let sigma = config.observation_sigma_px;
     let mut gradient =
         OMatrix::<f64, Const<POSE_DIM>, Dyn>::zeros(window.cameras.len() * STEREO_DIM);
-    for term in terms(window, |_| true) {
-        let host = &term.landmark.observations[0].1;
+    for newest in newest_observations(window, |_| true) {
+        let host = &newest.landmark.observations[0].1;
         let rho_by_host =
-            window.cameras[host.camera].inverse_range_by_stereo(host, term.landmark.rho);
-        for (r, by_pose) in term.linearize(window, state).into_iter().flatten() {
-            let size = r.residual.norm() / scale;
-            if size >= 1.0 {
+            window.cameras[host.camera].inverse_range_by_stereo(host, newest.landmark.rho);
+        for (r, by_pose) in newest.linearize(window, state).into_iter().flatten() {
+            let Some(weight) = tukey_weight(&r, sigma, config.newest_pose.tukey_sigma_final) else {
                 continue;
-            }
-            let weight = (1.0 - size * size).powi(2) / config.observation_sigma_px.powi(2);
+            };
             let weighted = by_pose.transpose() * weight;
             let mut of_host = gradient.fixed_columns_mut::<STEREO_DIM>(host.camera * STEREO_DIM);
             of_host += weighted * r.by_rho * rho_by_host;
-            let camera = term.observation.camera;
+            let camera = newest.observation.camera;
             let mut own = gradient.fixed_columns_mut::<STEREO_DIM>(camera * STEREO_DIM);
             own += weighted * r.by_stereo;
         }
@@ -169,7 +177,7 @@ pub(crate) fn refine_newest(
     let last = window.frames.len() - 1;
     let config = window.config;
     let sigma = config.observation_sigma_px;
-    let terms = terms(window, uses_camera);
+    let observations = newest_observations(window, uses_camera);
     // Without an IMU the guess may have a large error.
     let preintegrated = window.frames[last]
         .motion
@@ -189,14 +197,12 @@ pub(crate) fn refine_newest(
             .unwrap_or(config.newest_pose.tukey_sigma_final);
         let mut h = SMatrix::<f64, STATE_DIM, STATE_DIM>::zeros();
         let mut g = SVector::<f64, STATE_DIM>::zeros();
-        for term in &terms {
-            let by_pose = term.linearize(window, &state);
-            for (r, j) in by_pose.into_iter().flatten() {
-                let size = r.residual.norm() / (sigma * scale);
-                if size >= 1.0 {
+        for observation in &observations {
+            let both = observation.linearize(window, &state);
+            for (r, j) in both.into_iter().flatten() {
+                let Some(weight) = tukey_weight(&r, sigma, scale) else {
                     continue;
-                }
-                let weight = (1.0 - size * size).powi(2) / (sigma * sigma);
+                };
                 let weighted = j.transpose() * weight;
                 let block = weighted * j;
                 let mut view = h.fixed_view_mut::<POSE_DIM, POSE_DIM>(0, 0);

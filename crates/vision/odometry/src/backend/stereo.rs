@@ -133,7 +133,8 @@ fn decentring_per_unit(point: &Vector3<f64>) -> f64 {
 ///
 /// Sigmas are divided by the factor that reported sigmas are multiplied with: the solver takes
 /// observations of one feature as independent, and the weight of the prior against them has to be
-/// that of reported covariances.
+/// that of reported covariances. Cameras without a stated covariance are correlated; were they
+/// entirely so, there would be no information, and none is returned.
 pub(crate) fn prior_information(config: &BackendConfig, cameras: &[StereoCamera]) -> DMatrix<f64> {
     let stereo = &config.stereo;
     let rotation = stereo.rotation_sigma_rad;

@@ -30,7 +30,7 @@ pub(super) enum Agreement {
     Majority(Option<Box<NewestInformation>>),
     /// Cameras contradict each other without a majority: covariance of the position in the world,
     /// by which they deviate from it.
-    None(Matrix3<f64>),
+    NoMajority(Matrix3<f64>),
 }
 
 /// Who contradicts whom.
@@ -43,8 +43,8 @@ enum Verdict {
 }
 
 fn verdict(count: usize, contradicts: impl Fn(usize, usize) -> bool) -> Verdict {
-    let all_pairs = || (0..count).flat_map(|a| (a + 1..count).map(move |b| (a, b)));
-    let pairs: Vec<(usize, usize)> = all_pairs().filter(|(a, b)| contradicts(*a, *b)).collect();
+    let all_pairs = (0..count).flat_map(|a| (a + 1..count).map(move |b| (a, b)));
+    let pairs: Vec<(usize, usize)> = all_pairs.filter(|(a, b)| contradicts(*a, *b)).collect();
     let is_alone = |k: usize| {
         count > 2 && pairs.len() == count - 1 && pairs.iter().all(|(a, b)| *a == k || *b == k)
     };
@@ -64,6 +64,7 @@ pub(super) fn compare_cameras(
     start_covariance: &SMatrix<f64, STATE_DIM, STATE_DIM>,
 ) -> Agreement {
     let last = window.frames.len() - 1;
+    // With an IMU, objects that move are outliers from the start.
     let is_inertial = (window.frames[last].motion.as_ref()).is_some_and(|m| m.has_gravity);
     if is_inertial || window.cameras.len() < 2 {
         return Agreement::All;
@@ -98,7 +99,7 @@ pub(super) fn compare_cameras(
             let deviations = own
                 .iter()
                 .map(|one| (one.state.position - joint.position) / inflation);
-            Agreement::None(deviations.map(|d| d * d.transpose()).sum())
+            Agreement::NoMajority(deviations.map(|d| d * d.transpose()).sum())
         }
     }
 }
@@ -124,19 +125,15 @@ mod tests {
         let mut window = window_of(yaws[..cameras].iter().map(|y| camera(*y, 0.0)).collect(), 4);
         add_constant_velocity(&mut window);
         for landmark in window.landmarks.values_mut() {
-            let earlier = landmark.observations.clone();
-            for (number, observation) in &mut landmark.observations {
-                let before = |(n, o): &&(u64, _)| -> bool {
-                    let o: &crate::backend::observation::BearingObservation = o;
-                    *n == 2 && o.camera == observation.camera
+            for camera in cameras - legs..cameras {
+                let of = |frame: u64| {
+                    let mut all = landmark.observations.iter();
+                    all.position(|(number, o)| *number == frame && o.camera == camera)
                 };
-                if let (3, true, Some((_, still))) = (
-                    *number,
-                    observation.camera >= cameras - legs,
-                    earlier.iter().find(before),
-                ) {
-                    observation.left = still.left;
-                    observation.right = still.right;
+                if let (Some(before), Some(newest)) = (of(2), of(3)) {
+                    let still = landmark.observations[before].1;
+                    let (_, moving) = &mut landmark.observations[newest];
+                    (moving.left, moving.right) = (still.left, still.right);
                 }
             }
         }
@@ -173,7 +170,7 @@ mod tests {
     #[test]
     fn disagreement_of_two_cameras_is_uncertainty() {
         let mut window = window_with_legs(2, 1);
-        let Agreement::None(covariance) = compared(&mut window) else {
+        let Agreement::NoMajority(covariance) = compared(&mut window) else {
             panic!("two cameras have no majority");
         };
         let n = window.frames.len();
