@@ -181,18 +181,27 @@ impl Sequence {
         self
     }
 
-    /// The same with the images of a walk cached below a folder: rendered now on two threads unless
-    /// they exist. Other sequences are unchanged.
+    /// The same with the images of a walk cached below a folder: those of its sets are rendered now
+    /// on two threads unless they exist. Other sequences are unchanged.
     ///
     /// # Errors
     /// The folder cannot be written, or an existing file is not a complete file of this walk.
     pub fn cached(mut self, folder: &Path) -> Result<Self> {
         if let ImageSource::Rendered(walk) = &self.images {
-            let stored = cache::store(walk, folder)
+            let stored = cache::store(walk, &self.pairs(), folder)
                 .with_context(|| format!("caching the images of {}", self.name))?;
             self.images = ImageSource::Cached(stored);
         }
         Ok(self)
+    }
+
+    /// Stereo pairs of each camera.
+    fn pairs(&self) -> Vec<usize> {
+        let of = |camera: usize| {
+            let views = self.sets.iter().map(|set| set.views[camera]);
+            views.flatten().count()
+        };
+        (0..self.rig.cameras.len()).map(of).collect()
     }
 
     /// The same walk with existing images, from a sequence of it in which every camera has every

@@ -74,11 +74,12 @@ impl Job {
         if self.is_trial {
             walk.quality = Quality::FAST;
         }
-        let sequence = sequences::walk(&walk)?.cached(walks)?;
+        let sequence = sequences::walk(&walk)?;
         let sequence = match self.sets {
             Some(sets) => sequence.first(sets),
             None => sequence,
         };
+        let sequence = sequence.cached(walks)?;
         let each = self.rotation_error_deg.to_radians() / 3.0_f64.sqrt();
         let off = RigidTransform::from_rotation_vector([each; 3], [0.0; 3])?;
         let mut applied = Ok(());

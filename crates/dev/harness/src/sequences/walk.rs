@@ -131,8 +131,6 @@ pub(super) struct WalkCamera {
     position: usize,
     /// Index in the sequence.
     number: usize,
-    /// Indices of the frames of the walk that are in sets, in order.
-    pub(super) frames: Vec<u64>,
 }
 
 /// Covariance that a calibration of the stereo cameras states: a tenth of a millimetre and 0.02
@@ -207,7 +205,6 @@ pub fn walk(settings: &WalkSettings) -> Result<Sequence> {
             name: (*name).to_owned(),
             position,
             number,
-            frames: taken,
         });
         if settings.with_imu {
             let model = simulation.imus()[position].imu.model();
