@@ -6,7 +6,8 @@
 //!    them. A point of OpenCV's is *beaten* if one of ours takes no longer, has at least the same
 //!    density, and fewer pixels with an error of more than 2 px ("bad-2").
 //! 2. `simulated`: the same on held-out frames of simulated walks, by day and at night.
-//! 3. `imperfect`: the same on some of these frames whose two eyes differ ([`imperfect`]).
+//! 3. `imperfect`: the same on frames of held-out walks with what real cameras and scenes add
+//!    ([`imperfect`]).
 //! 4. `driving`: density of real driving pairs without ground truth, and the share that the
 //!    neighboring frames confirm ([`driving`]).
 //! 5. `rate`: pairs of 640x480 with 128 disparities per second.
@@ -70,8 +71,12 @@ pub(crate) fn run(args: &[String]) -> Result<()> {
     let mut report = read(&path)?;
     let needs = |part: &str| options.parts.iter().any(|p| p == part);
     let places = test_set::held_out(options.quick);
-    let held_out = match needs("simulated") || needs("imperfect") || needs("sigma") {
+    let held_out = match needs("simulated") || needs("sigma") {
         true => test_set::render(&places)?,
+        false => Vec::new(),
+    };
+    let imperfect = match needs("imperfect") || needs("sigma") {
+        true => test_set::render_imperfect(options.quick)?,
         false => Vec::new(),
     };
     for part in &options.parts {
@@ -99,14 +104,7 @@ pub(crate) fn run(args: &[String]) -> Result<()> {
                 race.json()
             }
             "imperfect" => {
-                let all = imperfect::FOR_TEST.iter().enumerate();
-                let frames: Vec<Frame> = all
-                    .flat_map(|(k, (_, imperfections))| {
-                        let own = held_out.iter().skip(k).step_by(imperfect::FOR_TEST.len());
-                        own.map(|(_, frame)| imperfections.apply(frame))
-                    })
-                    .collect();
-                let frames: Vec<&Frame> = frames.iter().collect();
+                let frames: Vec<&Frame> = imperfect.iter().map(|(_, frame)| frame).collect();
                 let race = Race::run(&mut Peers::start()?, &SgbmConfig::few(), &frames, 1)?;
                 race.print(part);
                 race.json()
@@ -122,7 +120,7 @@ pub(crate) fn run(args: &[String]) -> Result<()> {
             "bands" => bands::bands(options.quick)?,
             _ => {
                 let mut groups = fit_sigma_model::check(&places, &held_out)?;
-                groups.extend(fit_sigma_model::imperfect(&held_out)?);
+                groups.extend(fit_sigma_model::imperfect(&imperfect)?);
                 if let Some(frame) = motorcycle()? {
                     groups.extend(fit_sigma_model::alone(&frame)?);
                     groups.extend(fit_sigma_model::alone(&real::halved(&frame))?);

@@ -4,7 +4,9 @@
 //! what was rendered before, except for the exposure, which follows the previous images as in a
 //! device. A camera's timestamp is the middle of the exposure of its middle row.
 
+pub mod codec;
 pub mod glass;
+mod gloss;
 pub mod optics;
 pub mod placed;
 pub mod raster;
@@ -244,6 +246,9 @@ impl MonoCamera {
                 into.clear();
             }
             shade::add(into, scene, &self.visibility, &seen, rays, weight, noise);
+            if scene.gloss > 0.0 {
+                gloss::add(into, scene, &self.visibility, &views[0], rays, weight);
+            }
             if has_glass {
                 self.panes.clear();
                 self.panes
@@ -280,6 +285,11 @@ impl MonoCamera {
         }
         self.radiance.soften();
         self.radiance.degrade(conditions, which);
+    }
+
+    /// Blurs the luminance of the last exposed light by about a Gaussian of this standard deviation.
+    pub fn blur(&mut self, sigma_px: f32) {
+        self.radiance.blur(sigma_px);
     }
 
     /// Converts the last exposed light to pixel values; see [`Sensor::develop`].

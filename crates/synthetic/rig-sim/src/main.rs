@@ -24,8 +24,8 @@ use rig_sim::camera::sensor::Tone;
 use rig_sim::faults::Faults;
 use rig_sim::preview;
 use rig_sim::render::{Job, render, render_session};
-use rig_sim::scene::{Kind, Lighting};
-use rig_sim::simulation::{Imaging, Settings, Simulation, SimulationError};
+use rig_sim::scene::{Kind, Lighting, Scenery};
+use rig_sim::simulation::{EyeDifference, Imaging, Settings, Simulation, SimulationError};
 use rig_sim::targets::{Motion, Plan, april_grid};
 
 mod examples;
@@ -131,6 +131,17 @@ struct Walk {
     /// fast: one sample per image; accurate: smooth edges and motion blur.
     #[arg(long, default_value = "accurate", value_parser = quality())]
     quality: Quality,
+    /// Distance between the bars of a fence along the route [default: no fence]
+    #[arg(
+        long,
+        value_name = "METRES",
+        default_value = "0",
+        hide_default_value = true
+    )]
+    fence_spacing: f64,
+    /// Reflectance of the ground relative to glass: highlights of lamps and of the sun.
+    #[arg(long, value_name = "X", default_value = "0")]
+    gloss: f32,
     /// Rig file [default: the example rig]
     #[arg(long, value_name = "FILE")]
     rig: Option<PathBuf>,
@@ -212,6 +223,23 @@ struct Sensors {
     /// shutter.
     #[arg(long)]
     global_shutter: bool,
+    /// Additional blur of the right eyes, standard deviation in pixels.
+    #[arg(long, value_name = "PIXELS", default_value = "0")]
+    right_blur: f32,
+    /// Additional vignetting of the right eyes, as a part of the cos⁴ falloff.
+    #[arg(long, value_name = "X", default_value = "0")]
+    right_vignetting: f32,
+    /// Gain of the right eyes relative to the left ones, minus 1.
+    #[arg(
+        long,
+        value_name = "X",
+        default_value = "0",
+        allow_negative_numbers = true
+    )]
+    right_gain: f32,
+    /// Quantization step of a codec, in gray levels.
+    #[arg(long, value_name = "LEVELS", default_value = "0")]
+    codec_step: f32,
 }
 
 /// Parser of one word per value.
@@ -356,6 +384,16 @@ fn simulate(walk: &Walk, rate_hz: f64) -> Result<(Arc<Simulation>, Rig, String)>
             Tone::Srgb
         },
         global_shutter: sensors.global_shutter,
+        right_eye: EyeDifference {
+            blur_px: sensors.right_blur,
+            vignetting: sensors.right_vignetting,
+            gain: sensors.right_gain,
+        },
+        codec_step: sensors.codec_step,
+    })?;
+    simulation = simulation.with_scenery(Scenery {
+        fence_spacing_m: walk.fence_spacing,
+        gloss: walk.gloss,
     })?;
     Ok((Arc::new(simulation), rig, text))
 }

@@ -23,6 +23,7 @@ pub mod texture;
 pub mod wearer;
 
 mod corridor;
+mod fence;
 mod front;
 mod interior;
 mod palette;
@@ -41,14 +42,17 @@ use self::body::Body;
 use self::build::{Builder, SceneParts};
 use self::bvh::Bvh;
 use self::light::Light;
-use self::mesh::Mesh;
+use self::mesh::{Mesh, Stuff};
 use self::people::Moving;
 use self::route::Route;
 use self::sky::Sky;
-use self::surface::Material;
+use self::surface::{Class, Material};
 use self::texture::Texture;
 use self::wearer::{ShoeTag, Wearer};
 use crate::targets::board::Board;
+
+/// Instance of the fence; others are numbered from 1.
+const FENCE_INSTANCE: u16 = u16::MAX;
 
 /// Kind of scene.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -152,6 +156,10 @@ pub struct Scene {
     pub wearer: Wearer,
     /// Panes. Light passes them without attenuation.
     pub glass: Body,
+    /// A fence along the route; none unless [`Scene::furnish`] adds one.
+    pub fence: Body,
+    /// Gloss of the ground; see [`Scenery::gloss`].
+    pub gloss: f32,
     /// Moving bodies.
     pub moving: Vec<Moving>,
     /// Light sources.
@@ -165,6 +173,17 @@ pub struct Scene {
     /// Ray queries against walkable geometry, by index in `walkable_triangles`.
     walkable: Bvh,
     walkable_triangles: Vec<u32>,
+}
+
+/// What real scenes have that misleads stereo matching; none by default.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Scenery {
+    /// Distance between the bars of a fence on both sides of the route, m: thin structure that
+    /// repeats. 0 for no fence.
+    pub fence_spacing_m: f64,
+    /// Reflectance of the ground relative to glass: highlights of lamps and of the sun, which are
+    /// not on the ground's surface. 0 for none.
+    pub gloss: f32,
 }
 
 /// The ground under a point.
@@ -254,6 +273,8 @@ impl Scene {
             ),
             fixed,
             glass,
+            fence: Body::default(),
+            gloss: 0.0,
             moving: parts.into_iter().map(|part| part.lit(&around)).collect(),
             sky: Sky::new(lighting, &light, clouds),
             wearer: wearer.lit(&around),
@@ -261,6 +282,23 @@ impl Scene {
             route: made.route,
             walkable,
             walkable_triangles,
+        }
+    }
+
+    /// Adds scenery. The geometry that the walker uses is unchanged.
+    pub(crate) fn furnish(&mut self, scenery: &Scenery) {
+        self.gloss = scenery.gloss;
+        self.fence = Body::default();
+        if scenery.fence_spacing_m > 0.0 {
+            let stuff = Stuff {
+                material: self.materials.len() as u16,
+                instance: FENCE_INSTANCE,
+            };
+            let (material, texture) = palette::METAL.alone(Class::Obstacle, self.textures.len());
+            self.materials.push(material);
+            self.textures.push(texture);
+            let mesh = fence::mesh(self, scenery.fence_spacing_m, stuff);
+            self.fence = Body::new(&mesh, &self.light.baked(&mesh, &self.solid));
         }
     }
 
@@ -279,6 +317,16 @@ impl Scene {
             normal: (b - a).cross(&(c - a)).normalize(),
             triangle,
         })
+    }
+
+    /// Whether static geometry is nearer than `reach` lengths of `direction`.
+    pub(crate) fn is_hidden(
+        &self,
+        from: &Vector3<f64>,
+        direction: &Vector3<f64>,
+        reach: f64,
+    ) -> bool {
+        self.solid.is_hidden(from, direction, reach)
     }
 
     /// Nearest static surface along a ray: distance in lengths of `direction`, and number of the

@@ -27,7 +27,7 @@ use crate::rig::{SimCamera, cameras, shoe_tags};
 use crate::scene::body::Body;
 use crate::scene::tag;
 use crate::scene::wearer::{Part, Wearer};
-use crate::scene::{Kind, Lighting, Scene};
+use crate::scene::{Kind, Lighting, Scene, Scenery};
 use crate::targets::board::{Board, Sheet};
 use crate::targets::observations::TargetObservations;
 use crate::targets::{self, Plan};
@@ -127,6 +127,7 @@ pub struct Simulation {
     /// Whether a session contains intrinsics and extrinsics at all.
     has_calibration: bool,
     imaging: Imaging,
+    scenery: Scenery,
 }
 
 /// Nominal intrinsics and extrinsics of one camera: those that the recording contains.
@@ -148,6 +149,23 @@ pub struct Imaging {
     pub tone: Tone,
     /// Whether rolling-shutter cameras expose all rows simultaneously.
     pub global_shutter: bool,
+    /// Difference of the right eyes.
+    pub right_eye: EyeDifference,
+    /// Quantization step of a codec, gray levels; see [`codec`](crate::camera::codec). 0 for none.
+    pub codec_step: f32,
+}
+
+/// What distinguishes the right eye of a camera from the left one, beside the noise and the
+/// nonuniformity of their sensors; none by default. An error of the rectification is a
+/// [`CalibrationError`].
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct EyeDifference {
+    /// Standard deviation of the additional blur, px.
+    pub blur_px: f32,
+    /// Additional part of the cos⁴ falloff.
+    pub vignetting: f32,
+    /// Gain relative to the left eye, minus 1.
+    pub gain: f32,
 }
 
 impl Imaging {
@@ -157,14 +175,56 @@ impl Imaging {
         noise: 1.0,
         tone: Tone::Srgb,
         global_shutter: false,
+        right_eye: EyeDifference {
+            blur_px: 0.0,
+            vignetting: 0.0,
+            gain: 0.0,
+        },
+        codec_step: 0.0,
     };
 
-    fn sensor(&self) -> SensorModel {
-        SensorModel {
+    /// Of the left (0) or the right eye (1).
+    fn sensor(&self, eye: usize) -> SensorModel {
+        let both = SensorModel {
             noise: self.noise as f32,
             tone: self.tone,
             ..SensorModel::SMALL
+        };
+        match eye {
+            0 => both,
+            _ => SensorModel {
+                vignetting: both.vignetting + self.right_eye.vignetting,
+                electrons_per_ms: both.electrons_per_ms * (1.0 + self.right_eye.gain),
+                ..both
+            },
         }
+    }
+
+    fn check(&self) -> Result<(), SimulationError> {
+        let EyeDifference {
+            blur_px,
+            vignetting,
+            gain,
+        } = self.right_eye;
+        let most_vignetting = 1.0 - SensorModel::SMALL.vignetting;
+        let values = [
+            ("the noise", self.noise, 0.0, 100.0),
+            (
+                "the blur of the right eye, px,",
+                f64::from(blur_px),
+                0.0,
+                10.0,
+            ),
+            (
+                "the vignetting of the right eye",
+                f64::from(vignetting),
+                0.0,
+                f64::from(most_vignetting),
+            ),
+            ("the gain of the right eye", f64::from(gain), -0.5, 1.0),
+            ("the codec's step", f64::from(self.codec_step), 0.0, 255.0),
+        ];
+        in_ranges(&values)
     }
 }
 
@@ -225,20 +285,24 @@ pub fn seconds(time_ns: i64) -> f64 {
 
 impl Plan {
     fn check(&self) -> Result<(), SimulationError> {
-        let ranges = [
-            ("the bow of the boards, m,", self.bow_m, 0.1),
-            ("the scale error of the boards", self.scale_error, 0.2),
-        ];
-        // NaN is in no range.
-        let is_wrong = |(_, found, most): &&(_, f64, f64)| !(-*most..=*most).contains(found);
-        match ranges.iter().find(is_wrong) {
-            None => Ok(()),
-            Some((what, found, most)) => Err(SimulationError::Setting {
-                what,
-                found: found.to_string(),
-                expected: format!("{} to {most}", -most),
-            }),
-        }
+        in_ranges(&[
+            ("the bow of the boards, m,", self.bow_m, -0.1, 0.1),
+            ("the scale error of the boards", self.scale_error, -0.2, 0.2),
+        ])
+    }
+}
+
+/// Checks values, each with its name, minimum and maximum.
+fn in_ranges(values: &[(&'static str, f64, f64, f64)]) -> Result<(), SimulationError> {
+    // NaN is in no range.
+    let is_wrong = |(_, found, least, most): &&(_, f64, f64, f64)| !(least..=most).contains(&found);
+    match values.iter().find(is_wrong) {
+        None => Ok(()),
+        Some((what, found, least, most)) => Err(SimulationError::Setting {
+            what,
+            found: found.to_string(),
+            expected: format!("{least} to {most}"),
+        }),
     }
 }
 
@@ -272,6 +336,7 @@ impl Simulation {
             nominal,
             has_calibration: true,
             imaging: Imaging::USUAL,
+            scenery: Scenery::default(),
         })
     }
 
@@ -323,6 +388,7 @@ impl Simulation {
             nominal,
             has_calibration: true,
             imaging: Imaging::USUAL,
+            scenery: Scenery::default(),
         })
     }
 
@@ -431,7 +497,7 @@ impl Simulation {
     ///
     /// # Errors
     /// [`SimulationError::Setting`] for an exposure that is not positive or longer than a period,
-    /// or for noise outside 0 to 100.
+    /// or another value out of range.
     pub fn with_imaging(mut self, imaging: Imaging) -> Result<Self, SimulationError> {
         let most = MAX_EXPOSURE_RATIO / self.settings.rate_hz;
         let is_time = |s: f64| s > 0.0 && s <= most;
@@ -442,18 +508,48 @@ impl Simulation {
                 expected: format!("above 0 and at most {most} s"),
             });
         }
-        if !(0.0..=100.0).contains(&imaging.noise) {
-            return Err(SimulationError::Setting {
-                what: "the noise",
-                found: imaging.noise.to_string(),
-                expected: "0 to 100".to_owned(),
-            });
-        }
+        imaging.check()?;
         if imaging.global_shutter {
             let cameras = self.cameras.iter_mut();
             cameras.for_each(|camera| camera.shutter = Shutter::Global);
         }
         self.imaging = imaging;
+        Ok(self)
+    }
+
+    /// The same walk with scenery.
+    ///
+    /// # Errors
+    /// [`SimulationError::Setting`] for a value out of range, or for scenery of a target session.
+    pub fn with_scenery(mut self, scenery: Scenery) -> Result<Self, SimulationError> {
+        let Scenery {
+            fence_spacing_m,
+            gloss,
+        } = scenery;
+        let least_m = if fence_spacing_m > 0.0 { 0.05 } else { 0.0 };
+        in_ranges(&[
+            (
+                "the spacing of the fence, m,",
+                fence_spacing_m,
+                least_m,
+                2.0,
+            ),
+            ("the gloss of the ground", f64::from(gloss), 0.0, 1.0),
+        ])?;
+        if scenery == self.scenery {
+            return Ok(self);
+        }
+        match self.scene.get_mut() {
+            Some(scene) if self.plan.is_none() => scene.furnish(&scenery),
+            _ => {
+                return Err(SimulationError::Setting {
+                    what: "the scenery of a target session",
+                    found: format!("{scenery:?}"),
+                    expected: "none".to_owned(),
+                });
+            }
+        }
+        self.scenery = scenery;
         Ok(self)
     }
 
@@ -532,6 +628,11 @@ impl Simulation {
         let Settings { lighting, seed, .. } = self.settings;
         let new = || Scene::with_boards(lighting, seed, &self.boards);
         self.scene.get_or_init(new)
+    }
+
+    /// Scenery of the walk.
+    pub fn scenery(&self) -> &Scenery {
+        &self.scenery
     }
 
     /// The calibration boards; none on a walk.

@@ -144,17 +144,21 @@ pub(super) fn check(places: &[Place], frames: &[Found]) -> Result<Vec<Group>> {
     Ok(groups)
 }
 
-/// Scores of each preset on all frames with each of the imperfections.
+/// Scores of each preset on frames with each of the imperfections.
 ///
 /// # Errors
 /// A frame that cannot be matched.
 pub(super) fn imperfect(frames: &[Found]) -> Result<Vec<Group>> {
     let mut groups = Vec::new();
     for preset in Preset::ALL {
-        for (name, imperfections) in imperfect::FOR_TEST {
-            let mut group = Group::new(&format!("imperfect: {name}"), preset);
-            for (_, frame) in frames {
-                group.add(&imperfections.apply(frame))?;
+        for (k, imperfection) in imperfect::FOR_TEST.iter().enumerate() {
+            let mut own = frames.iter().filter(|(of, _)| *of == k).peekable();
+            if own.peek().is_none() {
+                continue;
+            }
+            let mut group = Group::new(&format!("imperfect: {}", imperfection.name), preset);
+            for (_, frame) in own {
+                group.add(frame)?;
             }
             groups.push(group);
         }

@@ -16,10 +16,13 @@ use camera_models::{Eye, Lens};
 use depth::Geometry;
 use depth::evaluate::GroundTruth as DepthTruth;
 use nalgebra::Vector3;
+use rig_sim::calibration_error::CalibrationError;
 use rig_sim::camera::Quality;
 use rig_sim::camera::truth::Truth;
 use rig_sim::scene::{Kind, Lighting};
 use rig_sim::simulation::{Settings, Simulation};
+
+use super::imperfect::{self, Imperfection};
 
 const RIG: &str = include_str!("../../../../../cad-transforms/rigs/example.toml");
 /// Disparity range of images of 672 columns: the wearer's knees are no nearer.
@@ -93,6 +96,22 @@ impl Walk {
         size: [u32; 2],
         quality: Quality,
     ) -> Result<Self> {
+        Self::imperfect(kind, light, seed, seconds, size, quality, &imperfect::NONE)
+    }
+
+    /// The same with an imperfection.
+    ///
+    /// # Errors
+    /// There is no such walk.
+    pub(super) fn imperfect(
+        kind: Kind,
+        light: Lighting,
+        seed: u64,
+        seconds: f64,
+        size: [u32; 2],
+        quality: Quality,
+        imperfection: &Imperfection,
+    ) -> Result<Self> {
         let rig = Rig::parse(RIG).context("reading the example rig")?;
         let settings = Settings {
             kind,
@@ -104,8 +123,18 @@ impl Walk {
             height: size[1],
             quality,
         };
-        let simulation = Simulation::new(&settings, &rig).context("preparing the walk")?;
-        Ok(Self::of(Arc::new(simulation)))
+        let mut errors = CalibrationError::default();
+        for camera in rig.cameras() {
+            let rotation = imperfection.right_rotation_deg.map(f64::to_radians);
+            errors.of_mut(camera).right_rotation = rotation.into();
+        }
+        let simulation = Simulation::new(&settings, &rig)
+            .and_then(|walk| walk.with_imaging(imperfection.imaging))
+            .and_then(|walk| walk.with_scenery(imperfection.scenery))
+            .and_then(|walk| walk.with_calibration_error(&rig, &errors));
+        Ok(Self::of(Arc::new(
+            simulation.context("preparing the walk")?,
+        )))
     }
 
     /// Of a walk that is prepared already.

@@ -9,6 +9,7 @@ use rig_sim::camera::Quality;
 use rig_sim::scene::{Kind, Lighting};
 
 use super::frames::{Frame, Walk};
+use super::imperfect::{self, Imperfection};
 
 /// A walk and the frames used of every camera.
 #[derive(Clone, Copy, Debug)]
@@ -97,7 +98,7 @@ impl Place {
     }
 }
 
-/// A frame and the number of its walk.
+/// A frame and the number of its walk, or of its imperfection.
 pub(super) type Found = (usize, Frame);
 
 /// Renders all frames of all walks, in order, with one thread per processor.
@@ -105,29 +106,75 @@ pub(super) type Found = (usize, Frame);
 /// # Errors
 /// There is no such walk.
 pub(super) fn render(places: &[Place]) -> Result<Vec<Found>> {
-    let cameras = 3;
+    let walk = |number: usize| frames(&places[number], &imperfect::NONE);
+    parallel(places.len(), &walk)
+}
+
+/// Frames of held-out walks with each of [`imperfect::FOR_TEST`], in order; a quick run has the last
+/// of them only.
+///
+/// # Errors
+/// There is no such walk.
+pub(super) fn render_imperfect(quick: bool) -> Result<Vec<Found>> {
+    let places = match quick {
+        true => of(&[Kind::Stairs], &[Lighting::Day], 8, SIZE, &[150]),
+        false => {
+            let kinds = [Kind::Stairs, Kind::Plaza, Kind::Room];
+            let mut places = of(&kinds, &[Lighting::Day], 8, SIZE, &[150]);
+            places.extend(of(&[Kind::Plaza], &[Lighting::Night], 8, SIZE, &[150]));
+            places
+        }
+    };
+    let first = if quick {
+        imperfect::FOR_TEST.len() - 1
+    } else {
+        0
+    };
+    let imperfections = &imperfect::FOR_TEST[first..];
+    let walk = |number: usize| {
+        let imperfection = &imperfections[number / places.len()];
+        frames(&places[number % places.len()], imperfection)
+    };
+    let found = parallel(imperfections.len() * places.len(), &walk)?.into_iter();
+    Ok(found
+        .map(|(number, frame)| (first + number / places.len(), frame))
+        .collect())
+}
+
+/// The frames of all cameras of a walk.
+fn frames(place: &Place, imperfection: &Imperfection) -> Result<Vec<Frame>> {
+    let walk = Walk::imperfect(
+        place.kind,
+        place.light,
+        place.seed,
+        SECONDS,
+        place.size,
+        Quality::ACCURATE,
+        imperfection,
+    )?;
+    let mut frames = Vec::new();
+    for camera in 0..walk.cameras() {
+        frames.extend(walk.frames(camera, place.numbers)?);
+    }
+    Ok(frames)
+}
+
+/// Renders a number of walks, with one thread per processor; their frames in order.
+fn parallel(
+    walks: usize,
+    frames: &(dyn Fn(usize) -> Result<Vec<Frame>> + Sync),
+) -> Result<Vec<Found>> {
     let next = AtomicUsize::new(0);
     let found: Mutex<Vec<(usize, Result<Vec<Frame>>)>> = Mutex::new(Vec::new());
     let work = || {
         loop {
-            let job = next.fetch_add(1, Ordering::Relaxed);
-            if job >= places.len() * cameras {
+            let walk = next.fetch_add(1, Ordering::Relaxed);
+            if walk >= walks {
                 return;
             }
-            let place = &places[job / cameras];
-            let frames = Walk::new(
-                place.kind,
-                place.light,
-                place.seed,
-                SECONDS,
-                place.size,
-                Quality::ACCURATE,
-            )
-            .and_then(|walk| walk.frames(job % cameras, place.numbers));
-            found
-                .lock()
-                .expect("nobody panics with the list")
-                .push((job, frames));
+            let frames = frames(walk);
+            let mut found = found.lock().expect("nobody panics with the list");
+            found.push((walk, frames));
         }
     };
     let threads = thread::available_parallelism().map_or(1, usize::from);
@@ -137,10 +184,10 @@ pub(super) fn render(places: &[Place]) -> Result<Vec<Found>> {
         }
     });
     let mut found = found.into_inner().expect("nobody panics with the list");
-    found.sort_by_key(|(job, _)| *job);
+    found.sort_by_key(|(walk, _)| *walk);
     let mut frames = Vec::new();
-    for (job, of_job) in found {
-        frames.extend(of_job?.into_iter().map(|frame| (job / cameras, frame)));
+    for (walk, of_walk) in found {
+        frames.extend(of_walk?.into_iter().map(|frame| (walk, frame)));
     }
     Ok(frames)
 }

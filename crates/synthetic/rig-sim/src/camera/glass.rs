@@ -7,6 +7,8 @@
 use crate::camera::raster::{View, Visibility};
 use crate::camera::shade::{Radiance, luminance};
 use crate::scene::Scene;
+use crate::scene::body::Surface;
+use crate::scene::light::Lamp;
 
 /// Reflectance of two faces of window glass (index 1.5) at normal incidence.
 const NORMAL_REFLECTANCE: f32 = 0.08;
@@ -15,8 +17,44 @@ const TRANSMITTANCE: f32 = 0.95;
 /// Radius of a lamp's image, m.
 const LAMP_M: f32 = 0.15;
 
+/// A ray that a plane mirrors, in the world frame.
+pub(super) struct Reflection {
+    /// Where the ray meets the plane, m.
+    pub(super) hit: [f32; 3],
+    /// Direction of the mirrored ray, of length 1.
+    pub(super) away: [f32; 3],
+    /// Cosine of the angle to the normal.
+    pub(super) cosine: f32,
+}
+
+impl Reflection {
+    /// Of the ray of a pixel; `view` is that of the world.
+    pub(super) fn new(surface: &Surface, view: &View, [x, y]: [f32; 2]) -> Self {
+        // The ray is scaled to 1 m along the optical axis.
+        let r = &view.rotation;
+        let ray = [0, 1, 2].map(|k| r[0][k] * x + r[1][k] * y + r[2][k]);
+        let along = dot(&surface.normal, &ray);
+        let length = dot(&ray, &ray).sqrt();
+        let depth = (surface.offset - dot(&surface.normal, &view.origin)) / along;
+        Self {
+            hit: [0, 1, 2].map(|k| view.origin[k] + ray[k] * depth),
+            away: [0, 1, 2].map(|k| (ray[k] - 2.0 * along * surface.normal[k]) / length),
+            cosine: along.abs() / length,
+        }
+    }
+
+    /// Luminance of a lamp, if the mirrored ray meets it.
+    pub(super) fn lamp(&self, lamp: &Lamp) -> Option<f32> {
+        let arm = [0, 1, 2].map(|k| lamp.position[k] as f32 - self.hit[k]);
+        let ahead = dot(&arm, &self.away);
+        let is_met = ahead > 0.0 && dot(&arm, &arm) - ahead * ahead < LAMP_M * LAMP_M;
+        // A disc of this luminance gives the lamp's irradiance at 1 m.
+        is_met.then_some(lamp.strength as f32 / (LAMP_M * LAMP_M))
+    }
+}
+
 /// Reflectance of a pane by the cosine of the angle to its normal (Schlick 1994).
-fn mirrored(cosine: f32) -> f32 {
+pub(super) fn mirrored(cosine: f32) -> f32 {
     let miss = 1.0 - cosine.min(1.0);
     let square = miss * miss;
     NORMAL_REFLECTANCE + (1.0 - NORMAL_REFLECTANCE) * square * square * miss
@@ -42,25 +80,12 @@ pub fn cover(
         let view = &views[row.min(views.len() - 1)];
         let surface = &scene.glass.surfaces[id as usize];
         let material = &scene.materials[surface.material as usize];
-        // All in the world frame; the ray is scaled to 1 m along the optical axis.
-        let r = &view.rotation;
-        let [x, y] = rays[i];
-        let ray = [0, 1, 2].map(|k| r[0][k] * x + r[1][k] * y + r[2][k]);
-        let along = dot(&surface.normal, &ray);
-        let length = dot(&ray, &ray).sqrt();
-        let depth = (surface.offset - dot(&surface.normal, &view.origin)) / along;
-        let hit = [0, 1, 2].map(|k| view.origin[k] + ray[k] * depth);
-        let share = mirrored(along.abs() / length);
+        let reflection = Reflection::new(surface, view, rays[i]);
+        let share = mirrored(reflection.cosine);
         let [gx, gy, gz, constant] = surface.light;
-        let mut light = (dot(&[gx, gy, gz], &hit) + constant).max(0.0);
-        let away = [0, 1, 2].map(|k| (ray[k] - 2.0 * along * surface.normal[k]) / length);
+        let mut light = (dot(&[gx, gy, gz], &reflection.hit) + constant).max(0.0);
         for lamp in &scene.light.lamps {
-            let arm = [0, 1, 2].map(|k| lamp.position[k] as f32 - hit[k]);
-            let ahead = dot(&arm, &away);
-            if ahead > 0.0 && dot(&arm, &arm) - ahead * ahead < LAMP_M * LAMP_M {
-                // A disc of this luminance gives the lamp's irradiance at 1 m.
-                light += lamp.strength as f32 / (LAMP_M * LAMP_M);
-            }
+            light += reflection.lamp(lamp).unwrap_or(0.0);
         }
         let through = TRANSMITTANCE * (1.0 - share);
         let over = weight * share * light;
@@ -74,7 +99,7 @@ pub fn cover(
     }
 }
 
-fn dot(a: &[f32; 3], b: &[f32; 3]) -> f32 {
+pub(super) fn dot(a: &[f32; 3], b: &[f32; 3]) -> f32 {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 

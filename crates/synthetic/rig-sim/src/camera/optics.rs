@@ -19,6 +19,8 @@ const SCATTER: f32 = 0.003;
 /// Fraction of a pixel's light that each of its four neighbors receives: a point spread of half a
 /// pixel.
 const NEIGHBOR_WEIGHT: f32 = 0.12;
+/// The same, at most, of one pass of an additional blur.
+const MAX_NEIGHBOR_WEIGHT: f32 = 0.25;
 /// Within this angle the image of the sun is brighter than its veiling glare, rad.
 const SUN_ANGLE: f32 = 0.01;
 /// Minimum cosine of the angle to the optical axis at which the sun reaches the glass.
@@ -141,9 +143,25 @@ impl Sun {
 }
 
 impl Radiance {
-    /// Slightly blurs the light over neighboring pixels, as lenses and demosaicing do. Pixels at
-    /// the edge are replicated outwards.
+    /// Slightly blurs the light over neighboring pixels, as lenses and demosaicing do.
     pub(super) fn soften(&mut self) {
+        self.spread(NEIGHBOR_WEIGHT);
+    }
+
+    /// Blurs the luminance by about a Gaussian of this standard deviation, px; 0 changes no bit.
+    pub(super) fn blur(&mut self, sigma_px: f32) {
+        // A pass has the variance of two neighbors of that weight. Above a quarter, the pixel
+        // itself would have less weight than they.
+        let variance = sigma_px * sigma_px;
+        let passes = (variance / (2.0 * MAX_NEIGHBOR_WEIGHT)).ceil();
+        for _ in 0..passes as usize {
+            self.spread(0.5 * variance / passes);
+        }
+    }
+
+    /// Moves a part of the light of each pixel to each neighbor, along rows and along columns.
+    /// Pixels at the edge are replicated outwards.
+    fn spread(&mut self, weight: f32) {
         let width = self.width;
         let mut before = vec![0.0; width];
         let mut row = vec![0.0; width + 2];
@@ -152,7 +170,7 @@ impl Radiance {
             row[0] = pixels[0];
             row[width + 1] = pixels[width - 1];
             for (to, near) in pixels.iter_mut().zip(row.windows(3)) {
-                *to = near[1] + NEIGHBOR_WEIGHT * (near[0] - 2.0 * near[1] + near[2]);
+                *to = near[1] + weight * (near[0] - 2.0 * near[1] + near[2]);
             }
         }
         before.copy_from_slice(&self.luminance[..width]);
@@ -166,7 +184,7 @@ impl Radiance {
                 &lower[..width]
             };
             for (((to, now), above), below) in pixels.iter_mut().zip(&row).zip(&before).zip(below) {
-                *to = now + NEIGHBOR_WEIGHT * (above - 2.0 * now + below);
+                *to = now + weight * (above - 2.0 * now + below);
             }
             before.copy_from_slice(&row[..width]);
         }
@@ -430,6 +448,23 @@ mod tests {
         even.luminance.fill(0.7);
         even.soften();
         assert!(even.luminance.iter().all(|v| (v - 0.7).abs() < 1e-6));
+    }
+
+    #[test]
+    fn blur_has_its_standard_deviation() {
+        for sigma_px in [0.0, 0.4, 1.5_f32] {
+            let mut light = Radiance::new(32, 32);
+            light.luminance[16 * 32 + 16] = 1.0;
+            light.blur(sigma_px);
+            let moment = |power: i32| -> f32 {
+                let pixels = light.luminance.iter().enumerate();
+                let of = |(i, v): (usize, &f32)| v * ((i % 32) as f32 - 16.0).powi(power);
+                pixels.map(of).sum()
+            };
+            assert!((moment(0) - 1.0).abs() < 1e-5 && moment(1).abs() < 1e-5);
+            let found = moment(2).sqrt();
+            assert!((found - sigma_px).abs() < 1e-3, "{found}, {sigma_px}");
+        }
     }
 
     #[test]

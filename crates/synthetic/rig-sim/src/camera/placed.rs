@@ -55,8 +55,8 @@ impl Placed<'_> {
     }
 }
 
-/// All bodies of a scene: the static one, then the moving ones. More may be appended, from
-/// [`Placed::next`] on.
+/// All bodies of a scene: the static one, the fence if there is one, then the moving ones. More may
+/// be appended, from [`Placed::next`] on.
 pub fn placed(scene: &Scene) -> Vec<Placed<'_>> {
     let mut placed = vec![Placed {
         body: &scene.fixed,
@@ -64,6 +64,15 @@ pub fn placed(scene: &Scene) -> Vec<Placed<'_>> {
         pose: &Still,
     }];
     let mut first = placed[0].next();
+    if !scene.fence.triangles.is_empty() {
+        let body = Placed {
+            body: &scene.fence,
+            first,
+            pose: &Still,
+        };
+        first = body.next();
+        placed.push(body);
+    }
     for moving in &scene.moving {
         let body = Placed {
             body: &moving.body,

@@ -6,7 +6,8 @@ use std::fmt::Write as _;
 use nalgebra::{UnitQuaternion, Vector3};
 
 use crate::camera::sensor::Tone;
-use crate::simulation::{Imaging, RigImu, Simulation, seconds};
+use crate::scene::Scenery;
+use crate::simulation::{EyeDifference, Imaging, RigImu, Simulation, seconds};
 use crate::walker::{Footfall, Side, Walker};
 
 /// The settings, so that the walk can be reproduced.
@@ -55,6 +56,32 @@ pub(super) fn settings(simulation: &Simulation) -> String {
         if let Some(exposure_s) = imaging.exposure_s {
             line(&mut text, format_args!("exposure_s = {exposure_s:?}"));
         }
+        let right = &imaging.right_eye;
+        if *right != EyeDifference::default() {
+            line(
+                &mut text,
+                format_args!(
+                    "right_blur_px = {:?}\nright_vignetting = {:?}\nright_gain = {:?}",
+                    right.blur_px, right.vignetting, right.gain
+                ),
+            );
+        }
+        if imaging.codec_step > 0.0 {
+            line(
+                &mut text,
+                format_args!("codec_step = {:?}", imaging.codec_step),
+            );
+        }
+    }
+    let scenery = simulation.scenery();
+    if *scenery != Scenery::default() {
+        line(
+            &mut text,
+            format_args!(
+                "\n[scenery]\nfence_spacing_m = {:?}\ngloss = {:?}",
+                scenery.fence_spacing_m, scenery.gloss
+            ),
+        );
     }
     text
 }

@@ -5,9 +5,9 @@
 //! finishes that share recipe and layout.
 
 use super::build::Builder;
-use super::surface::Class;
-use super::texture::Recipe;
+use super::surface::{Class, Material};
 use super::texture::layout::{Courses, Layout, Stagger};
+use super::texture::{Recipe, Texture};
 
 /// Finish of a surface.
 #[derive(Clone, Copy, Debug)]
@@ -60,6 +60,22 @@ impl Finish {
         let material = b.material(class, texture, self.texel_mm, self.albedo, self.other);
         b.materials[usize::from(material)].glow = self.glow;
         material
+    }
+}
+
+impl Finish {
+    /// Its material with the texture of this number, and that texture: for a scene that is built.
+    pub(super) fn alone(&self, class: Class, texture: usize) -> (Material, Texture) {
+        let material = Material {
+            class,
+            walkable: false,
+            texture: texture as u16,
+            texel_m: self.texel_mm * 1e-3,
+            albedo: self.albedo,
+            other_albedo: self.other,
+            glow: self.glow,
+        };
+        (material, Texture::new(&self.recipe, &self.layout, 0))
     }
 }
 

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use crate::camera::optics::Conditions;
 use crate::camera::sensor::{AutoExposure, Exposure, SensorModel};
-use crate::camera::{MonoCamera, Quality, Shot, auto_exposure};
+use crate::camera::{MonoCamera, Quality, Shot, auto_exposure, codec};
 use crate::faults::CameraFaults;
 use crate::random;
 
@@ -64,7 +64,7 @@ impl FrameRenderer {
         let eye = |k: usize| {
             let sensor = SensorModel {
                 seed: random::bits(seed, SENSOR_SEEDS, k as u64),
-                ..simulation.imaging.sensor()
+                ..simulation.imaging.sensor(k)
             };
             MonoCamera::new(&of.models[k], of.shutter, sensor, quality)
         };
@@ -103,6 +103,7 @@ impl FrameRenderer {
     fn shoot(&mut self, number: u64, time_ns: i64, quality: Quality) -> StereoFrame {
         let simulation = &*self.simulation;
         let camera = &simulation.cameras[self.camera];
+        let imaging = &simulation.imaging;
         let settings = &simulation.settings;
         let (eye_width, height) = (settings.width as usize, settings.height as usize);
         let width = 2 * eye_width;
@@ -127,10 +128,19 @@ impl FrameRenderer {
             };
             eye.expose(simulation.scene(), &placed, &pose, &shot);
             eye.degrade(simulation.scene(), &pose(time_s), &conditions, k as u64);
+            if k == 1 {
+                eye.blur(imaging.right_eye.blur_px);
+            }
             // The right eye's columns follow the left one's in each row.
             let (x, half) = (k * eye_width, k * eye_width / 2);
             let chroma = [&mut cb[half..], &mut cr[half..]];
             mean += 0.5 * eye.develop(&exposure, noise, &mut luma[x..], chroma, width);
+            codec::quantize(
+                &mut luma[x..],
+                width,
+                [eye_width, height],
+                imaging.codec_step,
+            );
         }
         self.auto.learn(mean);
         StereoFrame {
