@@ -133,8 +133,10 @@ fn decentring_per_unit(point: &Vector3<f64>) -> f64 {
 ///
 /// Sigmas are divided by the factor that reported sigmas are multiplied with: the solver takes
 /// observations of one feature as independent, and the weight of the prior against them has to be
-/// that of reported covariances. Cameras without a stated covariance are correlated; were they
-/// entirely so, there would be no information, and none is returned.
+/// that of reported covariances. Cameras without a stated covariance are correlated.
+///
+/// # Panics
+/// For a correlation of 1, with which the errors of two cameras could not differ.
 pub(crate) fn prior_information(config: &BackendConfig, cameras: &[StereoCamera]) -> DMatrix<f64> {
     let stereo = &config.stereo;
     let rotation = stereo.rotation_sigma_rad;
@@ -169,7 +171,7 @@ pub(crate) fn prior_information(config: &BackendConfig, cameras: &[StereoCamera]
     }
     covariance
         .try_inverse()
-        .unwrap_or_else(|| DMatrix::zeros(size, size))
+        .expect("sigmas are positive and the correlation is below 1")
 }
 
 /// Gives cameras their parts of a joint covariance of the errors, as the solver has it.

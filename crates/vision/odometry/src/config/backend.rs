@@ -105,8 +105,9 @@ config! {
         /// rotation about y. Source: rows of the rectified pairs of `KITTI_sequence_1` differ by
         /// 5e-3.
         pub decentring_sigma: f64 = 5e-3,
-        /// Correlation between cameras of one rig, which were made and calibrated alike. With 0
-        /// three right eyes that are rotated by the same angle are taken for unlikely.
+        /// Correlation between cameras of one rig, which were made and calibrated alike: 0 or more,
+        /// and below 1. With 0 three right eyes that are rotated by the same angle are taken for
+        /// unlikely.
         pub correlation: f64 = 0.5,
         /// Additional rotation sigma where the calibration states its covariance, rad: eyes turn
         /// as they warm up.
