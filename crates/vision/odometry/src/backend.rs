@@ -2,6 +2,7 @@
 
 pub(crate) mod covariance;
 pub(crate) mod extrinsics;
+pub(crate) mod gyro_scale;
 pub(crate) mod marginalization;
 pub(crate) mod motion_factor;
 pub(crate) mod newest_pose;

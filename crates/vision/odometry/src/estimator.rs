@@ -460,7 +460,7 @@ impl Odometry {
         let motion = motion_factor(imus, &self.config, from, time_ns, rate, true);
         let mut guess = State {
             gyro_rate: self.gyro_rate(time_ns).unwrap_or(from.gyro_rate),
-            ..motion_factor::predict(&motion, from, time_ns)
+            ..motion_factor::predict(&motion, from, &window.prior.gyro_scale.error, time_ns)
         };
         if let (false, Some(last)) = (motion.has_gravity, &self.last) {
             // The last frame set is nearer than the keyframe, whose velocity may not yet be known.

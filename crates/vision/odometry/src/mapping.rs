@@ -391,7 +391,9 @@ impl Mapping {
             *observation = observation.widened(times);
         }
         // The prior is about the nominal calibration, the start is the last causal estimate.
-        let prior = prior.with_stereo(&self.cameras, &self.stereo_information);
+        let prior = prior
+            .with_stereo(&self.cameras, &self.stereo_information)
+            .with_gyro_scale(self.config.backend.covariance.sigma_inflation);
         let mut cameras = self.cameras.clone();
         if let Some(last) = self.keyframes.last() {
             for (camera, error) in cameras.iter_mut().zip(&last.stereo_errors) {

@@ -5,8 +5,9 @@
 //! hosts are dropped: they would connect landmarks to the prior. Unobservable directions of the
 //! frame contribute nothing.
 
-use nalgebra::{DMatrix, DVector, SMatrix, SymmetricEigen};
+use nalgebra::{DMatrix, DVector, MatrixXx3, SMatrix, SymmetricEigen};
 
+use crate::backend::gyro_scale::{Border, GyroScale};
 use crate::backend::solver::linearize;
 use crate::backend::state::STATE_DIM;
 use crate::backend::window::{Landmark, Prior, Window};
@@ -57,7 +58,14 @@ pub(crate) fn marginalize(window: &mut Window, leaving: usize) {
     let mut gradient = DVector::from_fn(rows.len(), |i, _| linear.gradient[rows[i]]);
     let weighted = &across * inverse;
     information -= &weighted * across.transpose();
-    gradient -= &weighted * linear.gradient.rows(at, STATE_DIM);
+    let own_gradient = linear.gradient.rows(at, STATE_DIM);
+    gradient -= &weighted * own_gradient;
+    let mut border = linear.gyro_scale;
+    let own_by = border.by.fixed_view::<STATE_DIM, 3>(at, 0).into_owned();
+    let weighted_by = own_by.transpose() * inverse;
+    border.information -= weighted_by * own_by;
+    border.gradient -= weighted_by * own_gradient;
+    border.by = border.by.select_rows(&rows) - &weighted * own_by;
     // Frames without a connection to the marginalized one are not part of the prior.
     let connected: Vec<usize> = (0..rest.len())
         .filter(|a| information.rows(a * STATE_DIM, STATE_DIM).amax() > 0.0)
@@ -88,6 +96,14 @@ pub(crate) fn marginalize(window: &mut Window, leaving: usize) {
             0.5 * (information[(pick(i), pick(j))] + information[(pick(j), pick(i))])
         }),
         gradient: DVector::from_fn(count, |i, _| gradient[pick(i)]),
+        gyro_scale: GyroScale {
+            error: window.prior.gyro_scale.error,
+            at: window.prior.gyro_scale.error,
+            prior: Border {
+                by: MatrixXx3::from_fn(count, |i, j| border.by[(pick(i), j)]),
+                ..border
+            },
+        },
     };
     window.landmarks.retain(|_, landmark| {
         let hosted = landmark.observations[0].0 == number;

@@ -18,15 +18,25 @@ const BOTH_DIM: usize = 2 * STATE_DIM;
 pub(crate) struct Term {
     pub(crate) information: SMatrix<f64, BOTH_DIM, BOTH_DIM>,
     pub(crate) gradient: SVector<f64, BOTH_DIM>,
+    /// The same for the scale errors of the gyroscope: coupling with the states, information,
+    /// gradient.
+    pub(crate) by_gyro_scale: SMatrix<f64, BOTH_DIM, 3>,
+    pub(crate) gyro_scale_information: Matrix3<f64>,
+    pub(crate) gyro_scale_gradient: Vector3<f64>,
     pub(crate) cost: f64,
 }
 
 /// Residual in the order rotation, velocity, displacement, gyroscope bias, accelerometer bias.
-fn residual(motion: &MotionFactor, from: &State, to: &State) -> SVector<f64, STATE_DIM> {
+fn residual(
+    motion: &MotionFactor,
+    from: &State,
+    to: &State,
+    gyro_scale: &Vector3<f64>,
+) -> SVector<f64, STATE_DIM> {
     let preintegrated = &motion.preintegrated;
     let t = preintegrated.seconds;
     let (rotation, velocity, displacement) =
-        preintegrated.bias_corrected(&from.gyro_bias, &from.accel_bias);
+        preintegrated.corrected(&from.gyro_bias, &from.accel_bias, gyro_scale);
     let back = from.rotation.inverse();
     let gravity = gravity(motion);
     let mut r = SVector::<f64, STATE_DIM>::zeros();
@@ -49,17 +59,24 @@ fn gravity(motion: &MotionFactor) -> Vector3<f64> {
 }
 
 /// The state that a motion leads to; its angular rate is that of the earlier one.
-pub(crate) fn predict(motion: &MotionFactor, from: &State, time_ns: i64) -> State {
+pub(crate) fn predict(
+    motion: &MotionFactor,
+    from: &State,
+    gyro_scale: &Vector3<f64>,
+    time_ns: i64,
+) -> State {
     let seconds = (time_ns - from.time_ns) as f64 * 1e-9;
-    let (preintegrated, gravity) = (&motion.preintegrated, gravity(motion));
+    let gravity = gravity(motion);
+    let (rotation, velocity, displacement) =
+        (motion.preintegrated).corrected(&from.gyro_bias, &from.accel_bias, gyro_scale);
     State {
         time_ns,
         position: from.position
             + from.velocity * seconds
             + gravity * (0.5 * seconds * seconds)
-            + from.rotation * preintegrated.displacement,
-        rotation: from.rotation * preintegrated.rotation,
-        velocity: from.velocity + gravity * seconds + from.rotation * preintegrated.velocity,
+            + from.rotation * displacement,
+        rotation: from.rotation * rotation,
+        velocity: from.velocity + gravity * seconds + from.rotation * velocity,
         ..*from
     }
 }
@@ -80,8 +97,13 @@ fn weight(motion: &MotionFactor) -> (SMatrix<f64, 9, 9>, [f64; 2]) {
 }
 
 /// Cost without derivatives.
-pub(crate) fn cost(motion: &MotionFactor, from: &State, to: &State) -> f64 {
-    let r = residual(motion, from, to);
+pub(crate) fn cost(
+    motion: &MotionFactor,
+    from: &State,
+    to: &State,
+    gyro_scale: &Vector3<f64>,
+) -> f64 {
+    let r = residual(motion, from, to, gyro_scale);
     let (nine, bias_walk) = weight(motion);
     let preintegrated = r.fixed_rows::<9>(0);
     (preintegrated.transpose() * nine * preintegrated)[0]
@@ -96,8 +118,9 @@ pub(crate) fn with_uncertain_start(
     from: &State,
     covariance: &SMatrix<f64, STATE_DIM, STATE_DIM>,
     to: &State,
+    gyro_scale: &Vector3<f64>,
 ) -> (SMatrix<f64, STATE_DIM, STATE_DIM>, SVector<f64, STATE_DIM>) {
-    let (r, j) = derivatives(motion, from, to);
+    let (r, j) = derivatives(motion, from, to, gyro_scale);
     let by_later = j.fixed_columns::<STATE_DIM>(STATE_DIM).into_owned();
     let mut by_earlier = j.fixed_columns::<STATE_DIM>(0).into_owned();
     // Common observations constrain the relative pose of adjacent frames; only the effect of
@@ -134,8 +157,13 @@ pub(crate) fn with_uncertain_start(
 }
 
 /// Linearizes the factor.
-pub(crate) fn linearize(motion: &MotionFactor, from: &State, to: &State) -> Term {
-    let (r, j) = derivatives(motion, from, to);
+pub(crate) fn linearize(
+    motion: &MotionFactor,
+    from: &State,
+    to: &State,
+    gyro_scale: &Vector3<f64>,
+) -> Term {
+    let (r, j) = derivatives(motion, from, to, gyro_scale);
     let (nine, bias_walk) = weight(motion);
     let mut w = SMatrix::<f64, STATE_DIM, STATE_DIM>::zeros();
     w.fixed_view_mut::<9, 9>(0, 0).copy_from(&nine);
@@ -144,11 +172,27 @@ pub(crate) fn linearize(motion: &MotionFactor, from: &State, to: &State) -> Term
         w[(12 + k, 12 + k)] = bias_walk[1];
     }
     let weighted = j.transpose() * w;
+    let by_scale = by_gyro_scale(motion, &r);
+    let weighted_scale = by_scale.transpose() * nine;
     Term {
         information: weighted * j,
         gradient: weighted * r,
+        by_gyro_scale: weighted.fixed_columns::<9>(0) * by_scale,
+        gyro_scale_information: weighted_scale * by_scale,
+        gyro_scale_gradient: weighted_scale * r.fixed_rows::<9>(0),
         cost: (r.transpose() * w * r)[0],
     }
+}
+
+/// Jacobian of the preintegrated part of the residual by the scale errors of the gyroscope.
+fn by_gyro_scale(motion: &MotionFactor, residual: &SVector<f64, STATE_DIM>) -> SMatrix<f64, 9, 3> {
+    let rotation_error = residual.fixed_rows::<3>(0).into_owned();
+    let inverse = so3::right_jacobian_inverse(&rotation_error)
+        * so3::exp(-rotation_error).to_rotation_matrix().into_inner();
+    let mut by = -motion.preintegrated.by_gyro_scale;
+    let rotation = inverse * by.fixed_rows::<3>(0);
+    by.fixed_rows_mut::<3>(0).copy_from(&rotation);
+    by
 }
 
 /// Residual and its Jacobians by the errors of both states.
@@ -156,10 +200,11 @@ fn derivatives(
     motion: &MotionFactor,
     from: &State,
     to: &State,
+    gyro_scale: &Vector3<f64>,
 ) -> (SVector<f64, STATE_DIM>, SMatrix<f64, STATE_DIM, BOTH_DIM>) {
     let preintegrated = &motion.preintegrated;
     let t = preintegrated.seconds;
-    let r = residual(motion, from, to);
+    let r = residual(motion, from, to, gyro_scale);
     let gravity = gravity(motion);
     let back: Matrix3<f64> = from.rotation.inverse().to_rotation_matrix().into_inner();
     let later: Matrix3<f64> = to.rotation.to_rotation_matrix().into_inner();
@@ -240,7 +285,7 @@ mod tests {
                 &zero,
                 &zero,
                 &noise,
-                &crate::config::InertialConfig::default().scale_error,
+                &crate::config::InertialConfig::default(),
             ),
             has_gravity: true,
             bias_walk: [0.1, 0.2],
@@ -253,21 +298,44 @@ mod tests {
         }
         let from = State::at_rest(0).plus(&start);
         let to = from.plus(&(spread(2) * 4.0));
-        let term = linearize(&motion, &from, &to);
+        let scale = Vector3::new(0.8, -1.3, 0.4);
+        let term = linearize(&motion, &from, &to, &scale);
         for k in 0..BOTH_DIM {
             let h = 1e-6;
             let side = |h: f64| {
                 let mut e = Error::zeros();
                 e[k % STATE_DIM] = h;
                 if k < STATE_DIM {
-                    cost(&motion, &from.plus(&e), &to)
+                    cost(&motion, &from.plus(&e), &to, &scale)
                 } else {
-                    cost(&motion, &from, &to.plus(&e))
+                    cost(&motion, &from, &to.plus(&e), &scale)
                 }
             };
             let by = (side(h) - side(-h)) / (2.0 * h) / 2.0;
             let error = (by - term.gradient[k]).abs() / term.gradient.amax();
             assert!(error < 2e-4, "{k}: {by} {}", term.gradient[k]);
+        }
+        for k in 0..3 {
+            let side = |h: f64| {
+                let mut e = Vector3::zeros();
+                e[k] = h;
+                cost(&motion, &from, &to, &(scale + e))
+            };
+            let by = (side(1e-4) - side(-1e-4)) / 4e-4;
+            let found = term.gyro_scale_gradient[k];
+            // The correction of the preintegrated motion is of first order.
+            assert!((by - found).abs() < 1e-2 * found.abs(), "{k}: {by} {found}");
+        }
+        // Where the residual is zero, the gradient by the states changes by the coupling alone.
+        let to = predict(&motion, &from, &scale, 200_000_000);
+        let term = linearize(&motion, &from, &to, &scale);
+        for k in 0..3 {
+            let mut e = Vector3::zeros();
+            e[k] = 1e-4;
+            let moved = linearize(&motion, &from, &to, &(scale + e)).gradient;
+            let by = (moved - term.gradient) / 1e-4;
+            let error = (by - term.by_gyro_scale.column(k)).amax();
+            assert!(error < 1e-2 * by.amax(), "{k}: {error} {}", by.amax());
         }
     }
 }

@@ -214,8 +214,13 @@ pub(crate) fn refine_newest(
         let images = h.fixed_view::<POSE_DIM, POSE_DIM>(0, 0).into_owned();
         if let (Some(motion), true) = (&window.frames[last].motion, last > 0) {
             let before = &window.frames[last - 1].state;
-            let (information, gradient) =
-                motion_factor::with_uncertain_start(motion, before, start_covariance, &state);
+            let (information, gradient) = motion_factor::with_uncertain_start(
+                motion,
+                before,
+                start_covariance,
+                &state,
+                &window.prior.gyro_scale.error,
+            );
             h += information;
             g += gradient;
         }

@@ -10,6 +10,7 @@ use rayon::prelude::*;
 
 use crate::backend::covariance::NewestCovariance;
 use crate::backend::extrinsics::{self, jacobians_by_extrinsics};
+use crate::backend::gyro_scale::{Border, BorderedStep};
 use crate::backend::motion_factor;
 use crate::backend::observation::{
     BearingMeasurement, BearingObservation, Camera, CameraPose, transfer,
@@ -33,6 +34,8 @@ type ByStereo = SMatrix<f64, 2, STEREO_DIM>;
 pub(crate) struct LinearSystem {
     pub(crate) information: DMatrix<f64>,
     pub(crate) gradient: DVector<f64>,
+    /// Columns of the scale errors of the gyroscope.
+    pub(crate) gyro_scale: Border,
     pub(crate) cost: f64,
     /// Blocks for the back substitution of landmark steps, in the order of the landmarks of the
     /// window.
@@ -463,6 +466,7 @@ pub(crate) fn linearize(
     let size = window.row_of(blocks);
     let mut information = DMatrix::zeros(size, size);
     let mut gradient = DVector::zeros(size);
+    let mut gyro_scale = Border::zeros(size);
     let mut cost = 0.0;
     let mut landmark_blocks = Vec::with_capacity(landmarks.len());
     let compact_size = window.compact_row_of(blocks);
@@ -498,22 +502,30 @@ pub(crate) fn linearize(
         let Some(motion) = &window.frames[k].motion else {
             continue;
         };
-        let term =
-            motion_factor::linearize(motion, &window.frames[k - 1].state, &window.frames[k].state);
+        let [from, to] = [k - 1, k].map(|k| &window.frames[k].state);
+        let term = motion_factor::linearize(motion, from, to, &window.prior.gyro_scale.error);
         cost += term.cost;
         let at = (k - 1) * STATE_DIM;
         let mut view = information.view_mut((at, at), (2 * STATE_DIM, 2 * STATE_DIM));
         view += term.information;
         let mut rows = gradient.rows_mut(at, 2 * STATE_DIM);
         rows += term.gradient;
+        gyro_scale.add(
+            at,
+            &term.by_gyro_scale,
+            &term.gyro_scale_information,
+            &term.gyro_scale_gradient,
+        );
     }
-    cost += add_prior(window, &mut information, &mut gradient);
-    LinearSystem {
+    let mut linear = LinearSystem {
         information,
         gradient,
+        gyro_scale,
         cost,
         landmark_blocks,
-    }
+    };
+    add_prior(window, &mut linear);
+    linear
 }
 
 /// Errors of the prior relative to its linearization point.
@@ -539,24 +551,45 @@ pub(crate) fn prior_error(window: &Window) -> DVector<f64> {
 
 pub(crate) fn prior_cost(window: &Window, error: &DVector<f64>) -> f64 {
     let prior = &window.prior;
-    (error.transpose() * (&prior.information * error + &prior.gradient * 2.0))[0]
+    let (scale, deviation) = (&prior.gyro_scale.prior, prior.gyro_scale.deviation());
+    let states = error.dot(&(&prior.information * error + &prior.gradient * 2.0));
+    let coupled = (scale.by.transpose() * error).dot(&deviation) * 2.0;
+    states + coupled + deviation.dot(&(scale.information * deviation + scale.gradient * 2.0))
 }
 
-fn add_prior(window: &Window, information: &mut DMatrix<f64>, gradient: &mut DVector<f64>) -> f64 {
+/// Gradient of the prior at these errors: of its rows, and of the scale errors of the gyroscope.
+pub(crate) fn prior_gradient(
+    window: &Window,
+    error: &DVector<f64>,
+) -> (DVector<f64>, Vector3<f64>) {
+    let prior = &window.prior;
+    let (scale, deviation) = (&prior.gyro_scale.prior, prior.gyro_scale.deviation());
+    let rows = &prior.information * error + &scale.by * deviation + &prior.gradient;
+    let coupled = scale.by.transpose() * error;
+    let own = coupled + scale.information * deviation + scale.gradient;
+    (rows, own)
+}
+
+fn add_prior(window: &Window, linear: &mut LinearSystem) {
     let prior = &window.prior;
     let error = prior_error(window);
-    let moved = &prior.information * &error + &prior.gradient;
+    let (moved, scale_gradient) = prior_gradient(window, &error);
+    let scale = &prior.gyro_scale.prior;
+    linear.gyro_scale.gradient += scale_gradient;
+    linear.gyro_scale.information += scale.information;
     let segments = window.prior_segments();
     for a in &segments {
-        let mut rows = gradient.rows_mut(a.row, a.count);
+        let mut rows = linear.gradient.rows_mut(a.row, a.count);
         rows += moved.rows(a.at, a.count);
+        let mut rows = linear.gyro_scale.by.rows_mut(a.row, a.count);
+        rows += scale.by.rows(a.at, a.count);
         for b in &segments {
             let block = prior.information.view((a.at, b.at), (a.count, b.count));
-            let mut view = information.view_mut((a.row, b.row), (a.count, b.count));
+            let mut view = (linear.information).view_mut((a.row, b.row), (a.count, b.count));
             view += block;
         }
     }
-    prior_cost(window, &error)
+    linear.cost += prior_cost(window, &error);
 }
 
 /// Cost without derivatives.
@@ -568,7 +601,8 @@ fn cost(window: &Window, landmarks: &[&Landmark]) -> f64 {
     let mut sum: f64 = pieces.iter().sum();
     for pair in window.frames.windows(2) {
         if let Some(motion) = &pair[1].motion {
-            sum += motion_factor::cost(motion, &pair[0].state, &pair[1].state);
+            let scale = &window.prior.gyro_scale.error;
+            sum += motion_factor::cost(motion, &pair[0].state, &pair[1].state, scale);
         }
     }
     sum + prior_cost(window, &prior_error(window))
@@ -657,12 +691,17 @@ pub(crate) fn optimize_window(
             damping = (damping * 100.0).max(1e-3);
             continue;
         };
-        let step = -cholesky.solve(&linear.gradient);
-        if !step.iter().all(|v| v.is_finite()) {
+        let solved_rows = |right: &DMatrix<f64>| cholesky.solve(right);
+        let bordered = linear.gyro_scale.solve(&linear.gradient, solved_rows);
+        let Some(BorderedStep {
+            step, scale_step, ..
+        }) = bordered.filter(|b| b.step.iter().all(|v| v.is_finite()))
+        else {
             break;
-        }
-        latest = Some(linear.information);
+        };
+        latest = Some((linear.information, linear.gyro_scale));
         let mut moved = window.clone();
+        moved.prior.gyro_scale.error += scale_step;
         apply(&mut moved, &step, &linear.landmark_blocks);
         let landmarks: Vec<&Landmark> = moved.landmarks.values().collect();
         let after = cost(&moved, &landmarks);
@@ -682,15 +721,19 @@ pub(crate) fn optimize_window(
         }
     }
     // Damping would add information: it is omitted here, except for what rounding requires.
-    let covariance = latest.and_then(|mut information: DMatrix<f64>| {
+    let covariance = latest.and_then(|(mut information, gyro_scale): (DMatrix<f64>, Border)| {
         for k in 0..information.nrows() {
             information[(k, k)] *= 1.0 + 1e-12;
         }
         let corner = STATE_DIM + window.prior.stereo.len() * STEREO_DIM;
         let cholesky = information.cholesky()?;
-        Some(NewestCovariance {
-            joint: inverse_corner(&cholesky, corner),
-        })
+        let rows = gyro_scale.by.nrows();
+        let solved_rows = |right: &DMatrix<f64>| cholesky.solve(right);
+        let bordered = gyro_scale.solve(&DVector::zeros(rows), solved_rows)?;
+        let by_scale = bordered.by_scale.rows(rows - corner, corner);
+        let joint = inverse_corner(&cholesky, corner)
+            + by_scale * bordered.covariance * by_scale.transpose();
+        Some(NewestCovariance { joint })
     });
     (solved, covariance)
 }

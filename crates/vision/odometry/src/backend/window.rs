@@ -10,6 +10,7 @@ use nalgebra::{DMatrix, DVector};
 
 use crate::backend::covariance::NewestCovariance;
 use crate::backend::extrinsics::ExtrinsicsPrior;
+use crate::backend::gyro_scale::GyroScale;
 use crate::backend::observation::{BearingObservation, Camera};
 use crate::backend::state::{POSE_DIM, STATE_DIM, State};
 use crate::backend::stereo::{STEREO_DIM, StereoVector};
@@ -56,6 +57,8 @@ pub(crate) struct Prior {
     pub(crate) information: DMatrix<f64>,
     /// Gradient at the linearization point.
     pub(crate) gradient: DVector<f64>,
+    /// Scale errors of the gyroscope: the current estimate and its prior.
+    pub(crate) gyro_scale: GyroScale,
 }
 
 /// Sliding window.
@@ -79,6 +82,7 @@ impl Prior {
             stereo: Vec::new(),
             information: DMatrix::from_diagonal(&diagonal),
             gradient: DVector::zeros(STATE_DIM),
+            gyro_scale: GyroScale::fixed(STATE_DIM),
         }
     }
 
@@ -88,9 +92,17 @@ impl Prior {
         let (frames, more) = (self.gradient.len(), information.nrows());
         self.stereo = cameras.iter().map(|camera| camera.stereo.error).collect();
         self.gradient = self.gradient.resize_vertically(frames + more, 0.0);
+        let by = &mut self.gyro_scale.prior.by;
+        *by = std::mem::take(by).resize_vertically(frames + more, 0.0);
         self.information = (self.information).resize(frames + more, frames + more, 0.0);
         let mut view = self.information.view_mut((frames, frames), (more, more));
         view.copy_from(information);
+        self
+    }
+
+    /// The prior with scale errors of the gyroscope as estimated parameters.
+    pub(crate) fn with_gyro_scale(mut self, sigma_inflation: f64) -> Self {
+        self.gyro_scale = GyroScale::estimated(self.gradient.len(), sigma_inflation);
         self
     }
 

@@ -8,9 +8,12 @@ config! {
         /// Factor on the noise densities of the data sheet or an Allan deviation; covers thermal
         /// drift and vibration. Lower is overconfident, higher gives the vertical away.
         pub noise_inflation: f64 = 2.0,
-        /// Relative scale and misalignment errors of gyroscope and accelerometer: values for
-        /// consumer MEMS parts. They add a sigma that grows with the motion.
-        pub scale_error: [f64; 2] = [4e-3, 1e-3],
+        /// Prior sigma of the scale error of the gyroscope about each axis, which is estimated: a
+        /// value for consumer MEMS parts.
+        pub gyro_scale_sigma: f64 = 4e-3,
+        /// What is not estimated adds a sigma that grows with the motion: misalignment of the
+        /// gyroscope, scale and misalignment of the accelerometer.
+        pub relative_error: [f64; 2] = [1e-3, 1e-3],
         /// Noise densities of the constant-velocity model without IMU samples, acceleration in
         /// m/s²/√Hz and rotation in rad/s/√Hz: the unknown acceleration of a walking person.
         pub constant_velocity_noise_density: [f64; 2] = [3.0, 0.7],

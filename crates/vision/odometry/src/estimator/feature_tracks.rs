@@ -209,7 +209,7 @@ fn next_frame(imu: &ImuPropagator, from: &State, number: u64, time_ns: i64) -> O
     };
     Some(Frame {
         number,
-        state: motion_factor::predict(&motion, from, time_ns),
+        state: motion_factor::predict(&motion, from, &nalgebra::Vector3::zeros(), time_ns),
         motion: Some(motion),
     })
 }

@@ -158,7 +158,9 @@ impl Odometry {
             up * up.transpose() * (1e8 - 1.0 / (sigmas[ROTATION] * sigmas[ROTATION])).max(0.0);
         let mut view = prior.information.fixed_view_mut::<3, 3>(ROTATION, ROTATION);
         view += pinned;
-        let prior = prior.with_stereo(&self.cameras, &self.stereo_information);
+        let prior = prior
+            .with_stereo(&self.cameras, &self.stereo_information)
+            .with_gyro_scale(self.config.backend.covariance.sigma_inflation);
         Window {
             cameras: self.cameras.clone(),
             extrinsics: Vec::new(),

@@ -246,6 +246,8 @@ pub(crate) struct Preintegrated {
     /// Jacobians of the nine components by the biases of gyroscope and accelerometer; that of the
     /// rotation as a small rotation on its right.
     pub(crate) by_bias: SMatrix<f64, 9, 6>,
+    /// Jacobian of the nine components by the scale errors of the gyroscope, in sigmas.
+    pub(crate) by_gyro_scale: SMatrix<f64, 9, 3>,
     /// Covariance of the nine components.
     pub(crate) covariance: SMatrix<f64, 9, 9>,
     /// Biases of the linearization point.
@@ -260,7 +262,7 @@ impl Preintegrated {
         gyro_bias: &Vector3<f64>,
         accel_bias: &Vector3<f64>,
         noise: &ImuNoise,
-        scale_error: &[f64; 2],
+        config: &InertialConfig,
     ) -> Self {
         let mut rotation = UnitQuaternion::identity();
         let (mut velocity, mut displacement) = (Vector3::zeros(), Vector3::zeros());
@@ -336,24 +338,32 @@ impl Preintegrated {
         by_bias
             .fixed_view_mut::<3, 6>(6, 0)
             .copy_from(&displacement_by);
-        // Scale and misalignment errors are proportional to the measured motion and persist: their
-        // sigma is added for the whole motion.
-        let angle = so3::log(&rotation).norm();
+        // Relative errors are proportional to the measured motion and persist: their sigma is added
+        // for the whole motion.
+        let turned = so3::log(&rotation);
+        let [gyro, accel] = config.relative_error;
         let systematic_error = [
-            scale_error[0] * angle,
-            scale_error[1] * velocity.norm(),
-            scale_error[1] * displacement.norm(),
+            gyro * turned.norm(),
+            accel * velocity.norm(),
+            accel * displacement.norm(),
         ];
         for k in 0..9 {
             covariance[(k, k)] += systematic_error[k / 3] * systematic_error[k / 3];
         }
         let (first, last) = (&readings[0], &readings[readings.len() - 1]);
+        let seconds = (last.time_ns - first.time_ns) as f64 * 1e-9;
+        // A scale error acts as a bias that is proportional to the mean rate.
+        let mean_rate = turned / seconds.max(1e-6);
+        let by_gyro_bias = by_bias.fixed_columns::<3>(0);
+        let by_sigma = mean_rate * config.gyro_scale_sigma;
+        let by_gyro_scale = by_gyro_bias * Matrix3::from_diagonal(&by_sigma);
         Self {
-            seconds: (last.time_ns - first.time_ns) as f64 * 1e-9,
+            seconds,
             rotation,
             velocity,
             displacement,
             by_bias,
+            by_gyro_scale,
             covariance,
             gyro_bias: *gyro_bias,
             accel_bias: *accel_bias,
@@ -400,16 +410,18 @@ impl Preintegrated {
             self.covariance += by_rate * by_rate.transpose() * variance;
         }
         self.by_bias = transfer * self.by_bias;
+        self.by_gyro_scale = transfer * self.by_gyro_scale;
         let mut by_gyro_bias = self.by_bias.fixed_columns_mut::<3>(0);
         by_gyro_bias -= by_first + by_last;
         self
     }
 
-    /// Rotation, velocity and displacement for other biases, to first order.
-    pub(crate) fn bias_corrected(
+    /// Rotation, velocity and displacement for other biases and scale errors, to first order.
+    pub(crate) fn corrected(
         &self,
         gyro_bias: &Vector3<f64>,
         accel_bias: &Vector3<f64>,
+        gyro_scale: &Vector3<f64>,
     ) -> (UnitQuaternion<f64>, Vector3<f64>, Vector3<f64>) {
         let mut change = SMatrix::<f64, 6, 1>::zeros();
         change
@@ -418,7 +430,7 @@ impl Preintegrated {
         change
             .fixed_rows_mut::<3>(3)
             .copy_from(&(accel_bias - self.accel_bias));
-        let nine: Nine = self.by_bias * change;
+        let nine: Nine = self.by_bias * change + self.by_gyro_scale * gyro_scale;
         (
             self.rotation * so3::exp(nine.fixed_rows::<3>(0).into_owned()),
             self.velocity + nine.fixed_rows::<3>(3),

@@ -109,19 +109,21 @@ impl ImuPropagator {
             Coverage::AccelerometerOnly | Coverage::Gap => return None,
         }
         let biases = [from.gyro_bias, from.accel_bias];
-        let scale_error = self.config.scale_error;
         let mut motion =
-            Preintegrated::new(&readings, &biases[0], &biases[1], &noise, &scale_error);
+            Preintegrated::new(&readings, &biases[0], &biases[1], &noise, &self.config);
         match coverage {
             Coverage::GyroscopeOnly => motion.by_bias.fixed_columns_mut::<3>(3).fill(0.0),
-            Coverage::AccelerometerOnly => motion.by_bias.fixed_columns_mut::<3>(0).fill(0.0),
+            Coverage::AccelerometerOnly => {
+                motion.by_bias.fixed_columns_mut::<3>(0).fill(0.0);
+                motion.by_gyro_scale.fill(0.0);
+            }
             Coverage::Complete if has_arm => {
                 let ends = [&readings[0], &readings[readings.len() - 1]];
                 motion = motion.at_body_origin(&LeverArm {
                     arm: self.arm,
                     rates: ends.map(|end| end.gyro - from.gyro_bias),
                     rate_sigma: self.noise.gyro_noise_density * self.rate_hz.sqrt(),
-                    scale_error: scale_error[GYROSCOPE],
+                    scale_error: self.config.gyro_scale_sigma,
                 });
             }
             Coverage::Complete | Coverage::Gap => {}
@@ -157,8 +159,9 @@ pub(crate) fn constant_velocity(
     };
     let zero = Vector3::zeros();
     let ends = [reading(from.time_ns), reading(to_ns)];
-    let mut preintegrate = Preintegrated::new(&ends, &zero, &zero, &noise, &config.scale_error);
-    // It is independent of the biases.
+    let mut preintegrate = Preintegrated::new(&ends, &zero, &zero, &noise, config);
+    // It is independent of the IMU.
     preintegrate.by_bias = SMatrix::zeros();
+    preintegrate.by_gyro_scale = SMatrix::zeros();
     preintegrate
 }

@@ -10,14 +10,15 @@ use faer::linalg::solvers::Solve as _;
 use faer::sparse::linalg::solvers::{Llt, SymbolicLlt};
 use faer::sparse::{SparseColMat, Triplet};
 use faer::{Mat, Side};
-use nalgebra::{DVector, Matrix6, SMatrix, SVector};
+use nalgebra::{DMatrix, DVector, Matrix6, SMatrix, SVector};
 use rayon::prelude::*;
 
 use super::loop_closure::Closure;
+use crate::backend::gyro_scale::{Border, BorderedStep};
 use crate::backend::motion_factor;
 use crate::backend::solver::{
     Accumulated, LandmarkBlock, NormalEquations, accumulate, apply, for_each_residual,
-    landmark_cost, prior_cost, prior_error,
+    landmark_cost, prior_cost, prior_error, prior_gradient,
 };
 use crate::backend::state::{POSE_DIM, STATE_DIM};
 use crate::backend::stereo::{STEREO_DIM, StereoMatrix, StereoVector};
@@ -84,15 +85,20 @@ struct LinearSystem {
     /// Blocks on and above the diagonal; those of calibrations use their first components only.
     blocks: BTreeMap<(usize, usize), Square>,
     gradient: DVector<f64>,
+    /// Columns of the scale errors of the gyroscope.
+    gyro_scale: Border,
     cost: f64,
     landmark_blocks: Vec<Vec<LandmarkBlock>>,
 }
 
 fn linearize(window: &Window, loops: &[Closure], damping: f64) -> LinearSystem {
     let landmarks: Vec<&Landmark> = window.landmarks.values().collect();
+    let size = window.row_of(window.blocks());
+    let scale = &window.prior.gyro_scale;
     let mut linear = LinearSystem {
         blocks: BTreeMap::new(),
-        gradient: DVector::zeros(window.row_of(window.blocks())),
+        gradient: DVector::zeros(size),
+        gyro_scale: Border::zeros(size),
         cost: 0.0,
         landmark_blocks: Vec::with_capacity(landmarks.len().div_ceil(LANDMARKS_PER_PIECE)),
     };
@@ -118,8 +124,8 @@ fn linearize(window: &Window, loops: &[Closure], damping: f64) -> LinearSystem {
         let Some(motion) = &window.frames[k].motion else {
             continue;
         };
-        let term =
-            motion_factor::linearize(motion, &window.frames[k - 1].state, &window.frames[k].state);
+        let [from, to] = [k - 1, k].map(|k| &window.frames[k].state);
+        let term = motion_factor::linearize(motion, from, to, &scale.error);
         linear.cost += term.cost;
         for (a, b, row, column) in [
             (k - 1, k - 1, 0, 0),
@@ -133,14 +139,24 @@ fn linearize(window: &Window, loops: &[Closure], damping: f64) -> LinearSystem {
         }
         let mut rows = linear.gradient.rows_mut((k - 1) * STATE_DIM, 2 * STATE_DIM);
         rows += term.gradient;
+        linear.gyro_scale.add(
+            (k - 1) * STATE_DIM,
+            &term.by_gyro_scale,
+            &term.gyro_scale_information,
+            &term.gyro_scale_gradient,
+        );
     }
     let error = prior_error(window);
     linear.cost += prior_cost(window, &error);
-    let gradient = &window.prior.information * error + &window.prior.gradient;
+    let (gradient, scale_gradient) = prior_gradient(window, &error);
+    linear.gyro_scale.gradient += scale_gradient;
+    linear.gyro_scale.information += scale.prior.information;
     let segments = window.prior_segments();
     for (k, a) in segments.iter().enumerate() {
         let mut rows = linear.gradient.rows_mut(a.row, a.count);
         rows += gradient.rows(a.at, a.count);
+        let mut rows = linear.gyro_scale.by.rows_mut(a.row, a.count);
+        rows += scale.prior.by.rows(a.at, a.count);
         for b in &segments[k..] {
             let part = (window.prior.information).view((a.at, b.at), (a.count, b.count));
             let entry = linear.blocks.entry((a.block, b.block));
@@ -197,7 +213,8 @@ fn cost(window: &Window, loops: &[Closure]) -> f64 {
     let mut sum: f64 = pieces.iter().sum();
     for pair in window.frames.windows(2) {
         if let Some(motion) = &pair[1].motion {
-            sum += motion_factor::cost(motion, &pair[0].state, &pair[1].state);
+            let scale = &window.prior.gyro_scale.error;
+            sum += motion_factor::cost(motion, &pair[0].state, &pair[1].state, scale);
         }
     }
     sum += loops.iter().map(|l| l.cost(window)).sum::<f64>();
@@ -262,7 +279,6 @@ pub(super) fn optimize(
     max_iterations: usize,
     progress: &mut impl FnMut(Progress),
 ) -> Ended {
-    let size = window.row_of(window.blocks());
     let mut damping = 1e-6;
     let mut now = None;
     for round in 0..max_iterations {
@@ -276,16 +292,19 @@ pub(super) fn optimize(
             damping = (damping * 100.0).max(1e-4);
             continue;
         };
-        let right = Mat::from_fn(size, 1, |i, _| -linear.gradient[i]);
-        let solved = factor.solve(&right);
-        let step = DVector::from_fn(size, |i, _| solved[(i, 0)]);
-        if !step.iter().all(|v| v.is_finite()) {
+        let solve = |right: &DMatrix<f64>| solve(&factor, right);
+        let bordered = linear.gyro_scale.solve(&linear.gradient, solve);
+        let Some(BorderedStep {
+            step, scale_step, ..
+        }) = bordered.filter(|b| b.step.iter().all(|v| v.is_finite()))
+        else {
             damping = (damping * 100.0).max(1e-4);
             continue;
-        }
+        };
         let states: Vec<_> = window.frames.iter().map(|f| f.state).collect();
         let rhos: Vec<f64> = window.landmarks.values().map(|l| l.rho).collect();
         let cameras = (!window.extrinsics.is_empty()).then(|| window.cameras.clone());
+        window.prior.gyro_scale.error += scale_step;
         apply(window, &step, linear.landmark_blocks.iter().flatten());
         let after = cost(window, loops);
         let is_settled = damping <= config.max_free_damping
@@ -303,6 +322,7 @@ pub(super) fn optimize(
             if let Some(cameras) = cameras {
                 window.cameras = cameras;
             }
+            window.prior.gyro_scale.error -= scale_step;
             // Small initial damping: the ends of a long path are weakly constrained, and damping
             // would fix them.
             damping *= 30.0;
@@ -391,6 +411,14 @@ pub(super) fn covariances(max_count: usize, window: &Window, loops: &[Closure]) 
             stereo: vec![StereoMatrix::identity() * 1e6; window.prior.stereo.len()],
         };
     };
+    let solve = |right: &DMatrix<f64>| solve(&factor, right);
+    let bordered = (linear.gyro_scale).solve(&DVector::zeros(size), solve);
+    let by_gyro_scale = |block: usize| {
+        bordered.as_ref().map_or(Matrix6::zeros(), |bordered| {
+            let by = (bordered.by_scale).fixed_rows::<POSE_DIM>(window.row_of(block));
+            by * bordered.covariance * by.transpose()
+        })
+    };
     let of = |block| covariance_of::<POSE_DIM>(&factor, size, window.row_of(block));
     let step = count.div_ceil(max_count).max(1);
     let mut entries: Vec<usize> = (0..count).step_by(step).collect();
@@ -411,14 +439,26 @@ pub(super) fn covariances(max_count: usize, window: &Window, loops: &[Closure]) 
         let share = (k - a) as f64 / (b - a) as f64;
         out.push(found[next - 1] * (1.0 - share) + found[next] * share);
     }
+    for (k, covariance) in out.iter_mut().enumerate() {
+        *covariance += by_gyro_scale(k);
+    }
     let stereo = window.stereo_block(0);
     Covariances {
         poses: out,
-        extrinsics: (count..stereo).map(of).collect(),
+        extrinsics: (count..stereo)
+            .map(|block| of(block) + by_gyro_scale(block))
+            .collect(),
         stereo: (stereo..window.blocks())
             .map(|block| covariance_of::<STEREO_DIM>(&factor, size, window.row_of(block)))
             .collect(),
     }
+}
+
+/// Solves with a factored matrix.
+fn solve(factor: &Llt<usize, f64>, right: &DMatrix<f64>) -> DMatrix<f64> {
+    let (rows, columns) = right.shape();
+    let solved = factor.solve(&Mat::from_fn(rows, columns, |i, j| right[(i, j)]));
+    DMatrix::from_fn(rows, columns, |i, j| solved[(i, j)])
 }
 
 /// Block of the inverse of a factored matrix of `size` rows, from the row `at` on.

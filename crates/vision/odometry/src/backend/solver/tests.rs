@@ -10,7 +10,8 @@ use super::*;
 use crate::backend::marginalization::marginalize;
 use crate::backend::newest_pose::{pose_by_stereo, refine_newest};
 use crate::backend::state::{POSITION, ROTATION, State};
-use crate::backend::window::{Frame, Prior};
+use crate::backend::window::{Frame, MotionFactor, Prior};
+use crate::inertial::imu_buffer::{Preintegrated, Reading};
 use crate::rig::StereoCamera;
 
 pub(crate) fn camera(yaw: f64, line_s: f64) -> Camera {
@@ -190,7 +191,7 @@ fn window_converges_to_the_ground_truth_from_a_distant_start() {
 /// Velocity and biases are not observed: a constant-velocity factor constrains them weakly.
 pub(crate) fn add_constant_velocity(window: &mut Window) {
     let last = window.frames.len() - 1;
-    window.frames[last].motion = Some(crate::backend::window::MotionFactor {
+    window.frames[last].motion = Some(MotionFactor {
         preintegrated: crate::inertial::propagation::constant_velocity(
             &Default::default(),
             &window.frames[last - 1].state,
@@ -309,4 +310,60 @@ fn marginalized_frame_remains_in_the_prior() {
     assert!(sigma > 1e-6 && sigma < 0.02, "{sigma}");
     // Without an IMU velocities are unknown, and the covariance states it.
     assert!(covariance.is_none());
+}
+
+/// Connects frames by a gyroscope with these scale errors, in sigmas; its biases are known.
+fn add_gyroscope(window: &mut Window, scale: &Vector3<f64>) {
+    let config = crate::config::InertialConfig::default();
+    let noise = camera_models::ImuNoise {
+        gyro_noise_density: 1e-5,
+        gyro_random_walk: 1e-9,
+        accel_noise_density: 10.0,
+        accel_random_walk: 1e-9,
+    };
+    let zero = Vector3::zeros();
+    for k in 1..window.frames.len() {
+        let [from, to] = [k - 1, k].map(truth);
+        let seconds = (to.time_ns - from.time_ns) as f64 * 1e-9;
+        let turned = so3::log(&(from.rotation.inverse() * to.rotation));
+        let measured = turned.component_mul(&scale.map(|s| 1.0 + s * config.gyro_scale_sigma));
+        let readings = [from.time_ns, to.time_ns].map(|time_ns| Reading {
+            time_ns,
+            gyro: measured / seconds,
+            accel: zero,
+            saturated: [false; 2],
+        });
+        window.frames[k].motion = Some(MotionFactor {
+            preintegrated: Preintegrated::new(&readings, &zero, &zero, &noise, &config),
+            has_gravity: false,
+            bias_walk: [1e-9; 2],
+        });
+    }
+    let inflation = window.config.covariance.sigma_inflation;
+    window.prior = window.prior.clone().with_gyro_scale(inflation);
+}
+
+#[test]
+fn gyroscope_scale_is_estimated_and_remains_after_marginalization() {
+    // The window turns about y, so that only this error is determined.
+    let scale = Vector3::new(0.0, 2.0, 0.0);
+    let mut whole = window(12, 0.0);
+    add_gyroscope(&mut whole, &scale);
+    let mut small = whole.clone();
+    optimize_window(&mut whole, 20);
+    let found = whole.prior.gyro_scale.error;
+    assert!((1.6..2.05).contains(&found.y), "{found}");
+    assert!(found.x.abs() < 0.3 && found.z.abs() < 0.3, "{found}");
+    assert!(farthest(&whole) < 2e-3, "{}", farthest(&whole));
+
+    optimize_window(&mut small, 20);
+    for _ in 0..6 {
+        marginalize(&mut small, 0);
+    }
+    // What the prior knows is independent of where the iteration starts.
+    small.prior.gyro_scale.error = Vector3::zeros();
+    let (_, covariance) = optimize_window(&mut small, 20);
+    let remembered = small.prior.gyro_scale.error;
+    assert!((remembered - found).amax() < 0.05, "{remembered} {found}");
+    assert!(covariance.is_some());
 }

@@ -97,13 +97,7 @@ fn bias_jacobians_equal_finite_differences() {
         Vector3::new(0.01, -0.02, 0.03),
         Vector3::new(0.1, 0.2, -0.1),
     );
-    let here = Preintegrated::new(
-        &readings,
-        &bg,
-        &ba,
-        &NOISE,
-        &InertialConfig::default().scale_error,
-    );
+    let here = Preintegrated::new(&readings, &bg, &ba, &NOISE, &InertialConfig::default());
     for k in 0..6 {
         let h = 1e-5;
         let mut d = SMatrix::<f64, 6, 1>::zeros();
@@ -117,13 +111,14 @@ fn bias_jacobians_equal_finite_differences() {
             &(bg + dg),
             &(ba + da),
             &NOISE,
-            &InertialConfig::default().scale_error,
+            &InertialConfig::default(),
         );
         let by = nine(&here, &there) / h;
         // The mean of the rotated force at both ends approximates a 2 : 1 weighting in the
         // displacement.
         assert!((by - here.by_bias.column(k)).amax() < 2e-4, "{k}");
-        let (rotation, velocity, displacement) = here.bias_corrected(&(bg + dg), &(ba + da));
+        let (rotation, velocity, displacement) =
+            here.corrected(&(bg + dg), &(ba + da), &Vector3::zeros());
         assert!(rotation.angle_to(&there.rotation) < 1e-9);
         assert!((velocity - there.velocity).norm() < 1e-8);
         assert!((displacement - there.displacement).norm() < 1e-8);
@@ -151,10 +146,10 @@ fn at_arm(readings: &[Reading], arm: &Vector3<f64>) -> Vec<Reading> {
 fn lever_arm_gives_the_motion_of_the_body_origin() {
     let (body, arm) = (readings(2000.0, 0.2), Vector3::new(0.3, -0.2, 0.1));
     let elsewhere = at_arm(&body, &arm);
-    let scale_error = InertialConfig::default().scale_error;
+    let config = InertialConfig::default();
     let zero = Vector3::zeros();
     let moved = |gyro_bias: &Vector3<f64>, accel_bias: &Vector3<f64>| {
-        let motion = Preintegrated::new(&elsewhere, gyro_bias, accel_bias, &NOISE, &scale_error);
+        let motion = Preintegrated::new(&elsewhere, gyro_bias, accel_bias, &NOISE, &config);
         motion.at_body_origin(&LeverArm {
             arm,
             rates: [&body[0], &body[body.len() - 1]].map(|end| end.gyro - gyro_bias),
@@ -162,7 +157,7 @@ fn lever_arm_gives_the_motion_of_the_body_origin() {
             scale_error: 0.0,
         })
     };
-    let truth = Preintegrated::new(&body, &zero, &zero, &NOISE, &scale_error);
+    let truth = Preintegrated::new(&body, &zero, &zero, &NOISE, &config);
     let found = moved(&zero, &zero);
     assert!(
         nine(&truth, &found).amax() < 1e-5,
@@ -170,7 +165,7 @@ fn lever_arm_gives_the_motion_of_the_body_origin() {
         nine(&truth, &found)
     );
     // Without it the difference is that of a point on the plate.
-    let without = Preintegrated::new(&elsewhere, &zero, &zero, &NOISE, &scale_error);
+    let without = Preintegrated::new(&elsewhere, &zero, &zero, &NOISE, &config);
     assert!(nine(&truth, &without).amax() > 0.05);
     // The noise of the rates at both ends moves the arm.
     let sigma = (found.covariance[(3, 3)] - without.covariance[(3, 3)]).sqrt();
@@ -225,7 +220,7 @@ fn preintegration_converges_with_the_sample_rate() {
         &zero,
         &zero,
         &NOISE,
-        &InertialConfig::default().scale_error,
+        &InertialConfig::default(),
     );
     for (rate_hz, limit) in [(200.0, 2e-4), (800.0, 2e-5)] {
         let coarse = Preintegrated::new(
@@ -233,7 +228,7 @@ fn preintegration_converges_with_the_sample_rate() {
             &zero,
             &zero,
             &NOISE,
-            &InertialConfig::default().scale_error,
+            &InertialConfig::default(),
         );
         let systematic_error = nine(&fine, &coarse).amax();
         assert!(systematic_error < limit, "{rate_hz}: {systematic_error}");
