@@ -274,6 +274,16 @@ impl Matcher {
             }
         }
         self.row_alignment = rows;
+        if let Some(offsets) = offsets {
+            let width = self.map.width;
+            let rows = self.map.disparity.par_chunks_exact_mut(width).enumerate();
+            rows.for_each(|(row, disparities)| {
+                let error = offsets.disparity_error(row) as f32;
+                disparities
+                    .iter_mut()
+                    .for_each(|disparity| *disparity -= error);
+            });
+        }
         Ok(&self.map)
     }
 

@@ -5,8 +5,8 @@
 //! Motorcycle (Middlebury 2014). The offset is estimated as a polynomial of the place in the right
 //! image (a rotation, another focal length and decentring of a lens are of second order), from
 //! blocks with texture, robustly, and the right image is resampled where it is significant.
-//! Otherwise no pixel changes. The pair does not show the same error along the rows, which is an
-//! error of the disparity; the sigma model has a term for it.
+//! Otherwise no pixel changes. Of the same error along the rows, which is an error of the disparity,
+//! the pair shows the part of a roll, which is corrected; the sigma model has a term for the rest.
 
 use rayon::prelude::*;
 
@@ -170,6 +170,15 @@ impl RowOffsets {
         dot(&self.coefficients, &self.terms(place)).clamp(-MAX_OFFSET_PX, MAX_OFFSET_PX)
     }
 
+    /// By how much a row of disparities is too large, px: rows that are displaced in proportion to
+    /// the column show a right image that is rolled, which displaces columns in proportion to the
+    /// row.
+    pub(crate) fn disparity_error(&self, row: usize) -> f64 {
+        let [width, height] = self.size;
+        let roll = self.coefficients[1] / (0.5 * width);
+        roll * (row as f64 + 0.5 - 0.5 * height)
+    }
+
     /// Root mean square over the image, px.
     pub(crate) fn rms_px(&self) -> f64 {
         self.mean(|terms| dot(&self.coefficients, terms).powi(2))
@@ -283,6 +292,11 @@ mod tests {
 
     /// A pair whose right image has a row offset.
     fn pair(offset: impl Fn([f64; 2]) -> f64) -> [Vec<u8>; 2] {
+        moved_pair(|[x, y]| [x, y - offset([x, y])])
+    }
+
+    /// A pair whose right image shows at each place what belongs elsewhere.
+    fn moved_pair(from: impl Fn([f64; 2]) -> [f64; 2]) -> [Vec<u8>; 2] {
         let mut random = Random(61);
         let waves = Waves::new(&mut random);
         let mut image = |gray: &dyn Fn(f64, f64) -> f64| -> Vec<u8> {
@@ -294,7 +308,10 @@ mod tests {
             (0..SIZE[0] * SIZE[1]).map(pixel).collect()
         };
         let left = image(&|x, y| waves.at(x, y));
-        let right = image(&|x, y| waves.at(x + SHIFT as f64, y - offset([x, y])));
+        let right = image(&|x, y| {
+            let [x, y] = from([x, y]);
+            waves.at(x + SHIFT as f64, y)
+        });
         [left, right]
     }
 
@@ -305,6 +322,33 @@ mod tests {
         let band = Band::full(0, 32, SIZE[1]).unwrap();
         let found = alignment.run([&left, &right], &band, 0.05);
         (found, alignment)
+    }
+
+    #[test]
+    fn disparities_of_a_rolled_right_image_are_corrected() {
+        let roll = 0.005;
+        let images = moved_pair(|[x, y]| {
+            let [u, v] = [x - 159.5, y - 119.5];
+            [x + roll * v, y - roll * u]
+        });
+        let [left, right] =
+            [0, 1].map(|eye| ImageView::packed(SIZE[0], SIZE[1], &images[eye]).unwrap());
+        let config = crate::Config::preset(crate::Preset::Balanced);
+        let mut matcher = crate::Matcher::new(config, SIZE[0], SIZE[1]).unwrap();
+        let band = Band::full(0, 32, SIZE[1]).unwrap();
+        let map = matcher.run(&left, &right, &band).unwrap();
+        let median_of = |rows: std::ops::Range<usize>| {
+            let found = &map.disparity[rows.start * SIZE[0]..rows.end * SIZE[0]];
+            let mut found: Vec<f32> = found.iter().copied().filter(|d| !d.is_nan()).collect();
+            assert!(found.len() > 1000);
+            found.sort_by(f32::total_cmp);
+            found[found.len() / 2]
+        };
+        // Half a pixel at the upper and at the lower border, with opposite signs.
+        for rows in [10..25, 112..127, 215..230] {
+            let error = median_of(rows.clone()) - SHIFT as f32;
+            assert!(error.abs() < 0.05, "{rows:?}: {error}");
+        }
     }
 
     #[test]

@@ -36,7 +36,7 @@ impl Stage<Input> for DepthStage {
     }
 
     fn version(&self) -> u32 {
-        3
+        4
     }
 
     fn inputs(&self) -> &'static [&'static str] {
