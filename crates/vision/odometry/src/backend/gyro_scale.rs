@@ -3,7 +3,8 @@
 //! It is the same in all motions: 0.5 % of a turn by 180 degrees are 16 mrad, which a bias, almost
 //! constant, can only spread over the whole walk. Errors are in sigmas of
 //! [`gyro_scale_sigma`](crate::config::InertialConfig). In the normal equations they are a border
-//! of three columns beside those of states and calibrations.
+//! of three columns beside those of states and calibrations. An IMU that takes over from another
+//! one gets the errors of that one.
 
 use nalgebra::{DMatrix, DVector, Matrix3, MatrixXx3, SMatrix, Vector3};
 
@@ -26,7 +27,8 @@ pub(crate) struct GyroScale {
     pub(crate) error: Vector3<f64>,
     /// Linearization point of the prior.
     pub(crate) at: Vector3<f64>,
-    pub(crate) prior: Border,
+    /// Prior of the errors, and their coupling with the rows of the prior.
+    pub(crate) border: Border,
 }
 
 /// Solution of normal equations with a border.
@@ -92,19 +94,19 @@ impl Border {
 impl GyroScale {
     /// No error, and none is estimated.
     pub(crate) fn fixed(rows: usize) -> Self {
-        let mut prior = Border::zeros(rows);
-        prior.information = Matrix3::identity() * FIXED;
+        let mut border = Border::zeros(rows);
+        border.information = Matrix3::identity() * FIXED;
         Self {
             error: Vector3::zeros(),
             at: Vector3::zeros(),
-            prior,
+            border,
         }
     }
 
     /// Errors to be estimated, with a sigma of one after the inflation of covariances.
     pub(crate) fn estimated(rows: usize, sigma_inflation: f64) -> Self {
         let mut scale = Self::fixed(rows);
-        scale.prior.information = Matrix3::identity() * sigma_inflation.powi(2);
+        scale.border.information = Matrix3::identity() * sigma_inflation.powi(2);
         scale
     }
 

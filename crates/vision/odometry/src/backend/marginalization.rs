@@ -99,7 +99,7 @@ pub(crate) fn marginalize(window: &mut Window, leaving: usize) {
         gyro_scale: GyroScale {
             error: window.prior.gyro_scale.error,
             at: window.prior.gyro_scale.error,
-            prior: Border {
+            border: Border {
                 by: MatrixXx3::from_fn(count, |i, j| border.by[(pick(i), j)]),
                 ..border
             },

@@ -551,7 +551,7 @@ pub(crate) fn prior_error(window: &Window) -> DVector<f64> {
 
 pub(crate) fn prior_cost(window: &Window, error: &DVector<f64>) -> f64 {
     let prior = &window.prior;
-    let (scale, deviation) = (&prior.gyro_scale.prior, prior.gyro_scale.deviation());
+    let (scale, deviation) = (&prior.gyro_scale.border, prior.gyro_scale.deviation());
     let states = error.dot(&(&prior.information * error + &prior.gradient * 2.0));
     let coupled = (scale.by.transpose() * error).dot(&deviation) * 2.0;
     states + coupled + deviation.dot(&(scale.information * deviation + scale.gradient * 2.0))
@@ -563,7 +563,7 @@ pub(crate) fn prior_gradient(
     error: &DVector<f64>,
 ) -> (DVector<f64>, Vector3<f64>) {
     let prior = &window.prior;
-    let (scale, deviation) = (&prior.gyro_scale.prior, prior.gyro_scale.deviation());
+    let (scale, deviation) = (&prior.gyro_scale.border, prior.gyro_scale.deviation());
     let rows = &prior.information * error + &scale.by * deviation + &prior.gradient;
     let coupled = scale.by.transpose() * error;
     let own = coupled + scale.information * deviation + scale.gradient;
@@ -574,7 +574,7 @@ fn add_prior(window: &Window, linear: &mut LinearSystem) {
     let prior = &window.prior;
     let error = prior_error(window);
     let (moved, scale_gradient) = prior_gradient(window, &error);
-    let scale = &prior.gyro_scale.prior;
+    let scale = &prior.gyro_scale.border;
     linear.gyro_scale.gradient += scale_gradient;
     linear.gyro_scale.information += scale.information;
     let segments = window.prior_segments();
@@ -691,8 +691,8 @@ pub(crate) fn optimize_window(
             damping = (damping * 100.0).max(1e-3);
             continue;
         };
-        let solved_rows = |right: &DMatrix<f64>| cholesky.solve(right);
-        let bordered = linear.gyro_scale.solve(&linear.gradient, solved_rows);
+        let solve = |right: &DMatrix<f64>| cholesky.solve(right);
+        let bordered = linear.gyro_scale.solve(&linear.gradient, solve);
         let Some(BorderedStep {
             step, scale_step, ..
         }) = bordered.filter(|b| b.step.iter().all(|v| v.is_finite()))
@@ -728,8 +728,8 @@ pub(crate) fn optimize_window(
         let corner = STATE_DIM + window.prior.stereo.len() * STEREO_DIM;
         let cholesky = information.cholesky()?;
         let rows = gyro_scale.by.nrows();
-        let solved_rows = |right: &DMatrix<f64>| cholesky.solve(right);
-        let bordered = gyro_scale.solve(&DVector::zeros(rows), solved_rows)?;
+        let solve = |right: &DMatrix<f64>| cholesky.solve(right);
+        let bordered = gyro_scale.solve(&DVector::zeros(rows), solve)?;
         let by_scale = bordered.by_scale.rows(rows - corner, corner);
         let joint = inverse_corner(&cholesky, corner)
             + by_scale * bordered.covariance * by_scale.transpose();

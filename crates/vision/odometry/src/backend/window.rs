@@ -92,7 +92,7 @@ impl Prior {
         let (frames, more) = (self.gradient.len(), information.nrows());
         self.stereo = cameras.iter().map(|camera| camera.stereo.error).collect();
         self.gradient = self.gradient.resize_vertically(frames + more, 0.0);
-        let by = &mut self.gyro_scale.prior.by;
+        let by = &mut self.gyro_scale.border.by;
         *by = std::mem::take(by).resize_vertically(frames + more, 0.0);
         self.information = (self.information).resize(frames + more, frames + more, 0.0);
         let mut view = self.information.view_mut((frames, frames), (more, more));

@@ -150,13 +150,13 @@ fn linearize(window: &Window, loops: &[Closure], damping: f64) -> LinearSystem {
     linear.cost += prior_cost(window, &error);
     let (gradient, scale_gradient) = prior_gradient(window, &error);
     linear.gyro_scale.gradient += scale_gradient;
-    linear.gyro_scale.information += scale.prior.information;
+    linear.gyro_scale.information += scale.border.information;
     let segments = window.prior_segments();
     for (k, a) in segments.iter().enumerate() {
         let mut rows = linear.gradient.rows_mut(a.row, a.count);
         rows += gradient.rows(a.at, a.count);
         let mut rows = linear.gyro_scale.by.rows_mut(a.row, a.count);
-        rows += scale.prior.by.rows(a.at, a.count);
+        rows += scale.border.by.rows(a.at, a.count);
         for b in &segments[k..] {
             let part = (window.prior.information).view((a.at, b.at), (a.count, b.count));
             let entry = linear.blocks.entry((a.block, b.block));
