@@ -149,10 +149,10 @@ fn sigmas(results: &Results) -> Option<Chart> {
         .subtitle("root of the mean square over the poses of a walk; above 1 the stated covariance is too small")
         .x_axis(Axis::categories("", names.clone()))
         .y_axis(Axis::log("error over sigma", ""))
-        .series(Series::bars("place, causal", of(Poses::Causal, 0)))
-        .series(Series::bars("turn, causal", of(Poses::Causal, 1)))
-        .series(Series::bars("place, adjusted", of(Poses::Adjusted, 0)))
-        .series(Series::bars("turn, adjusted", of(Poses::Adjusted, 1)))
+        .series(Series::bars("position, causal", of(Poses::Causal, 0)))
+        .series(Series::bars("rotation, causal", of(Poses::Causal, 1)))
+        .series(Series::bars("position, refined", of(Poses::Adjusted, 0)))
+        .series(Series::bars("rotation, refined", of(Poses::Adjusted, 1)))
         .hline(1.0, "right");
     (!names.is_empty()).then_some(chart)
 }
