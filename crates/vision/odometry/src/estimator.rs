@@ -497,7 +497,8 @@ impl Odometry {
             for track in &tracker.tracks {
                 if let Some(landmark) = window.landmarks.get_mut(&track.id) {
                     let observation = track.observation(k, &self.cameras[k], exposure_offset_s[k]);
-                    landmark.observations.push((self.number, observation));
+                    let ratio = self.config.frontend.cross_camera.sigma_ratio;
+                    landmark.observe(self.number, observation, ratio);
                 }
             }
         }

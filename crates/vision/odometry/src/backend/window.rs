@@ -143,6 +143,23 @@ impl Landmark {
             .max(1)
     }
 
+    /// Adds an observation in the newest frame. That of a camera other than the host's is widened by
+    /// `cross_camera_ratio`.
+    pub(crate) fn observe(
+        &mut self,
+        number: u64,
+        observation: BearingObservation,
+        cross_camera_ratio: f64,
+    ) {
+        let is_host_camera = self.observations[0].1.camera == observation.camera;
+        let ratio = if is_host_camera {
+            1.0
+        } else {
+            cross_camera_ratio
+        };
+        self.observations.push((number, observation.widened(ratio)));
+    }
+
     /// Removes outliers by index and side (0 left, 1 right), in ascending order.
     pub(crate) fn drop_observations(&mut self, entries: &[(usize, usize)]) {
         for (observation, side) in entries.iter().rev() {

@@ -88,7 +88,7 @@ impl Odometry {
                 if let Some(landmark) = window.landmarks.get_mut(&track.id)
                     && self.trackers[to].insert(track)
                 {
-                    landmark.observations.push((self.number, observation));
+                    landmark.observe(self.number, observation, config.sigma_ratio);
                 }
             }
         }
