@@ -87,7 +87,7 @@ config! {
         /// the window takes as exact, have errors of a pixel, and warped patches are matched less
         /// accurately. With 1 the distance between the cameras determines the scale of a path to
         /// 0.1 %, and is 1 % wrong; source: docs/decisions/0010-odometry.md.
-        pub sigma_ratio: f64 = 4.0,
+        pub sigma_ratio: f64 = 3.0,
     }
 
     /// Keypoints for loop closure.
