@@ -131,7 +131,7 @@ struct Walk {
     /// fast: one sample per image; accurate: smooth edges and motion blur.
     #[arg(long, default_value = "accurate", value_parser = quality())]
     quality: Quality,
-    /// Distance between the bars of a fence along the route [default: no fence]
+    /// Distance between the bars of a fence along the route, in metres [default: no fence]
     #[arg(
         long,
         value_name = "METRES",
@@ -238,7 +238,7 @@ struct Sensors {
     )]
     right_gain: f32,
     /// Quantization step of a codec, in gray levels.
-    #[arg(long, value_name = "LEVELS", default_value = "0")]
+    #[arg(long, value_name = "X", default_value = "0")]
     codec_step: f32,
 }
 
