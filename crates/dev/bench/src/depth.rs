@@ -25,6 +25,7 @@ use anyhow::{Context, Result, bail, ensure};
 use serde_json::{Map, Value, json};
 
 mod bands;
+mod changes;
 mod charts;
 pub(crate) mod coverage;
 mod driving;

@@ -287,8 +287,8 @@ impl MonoCamera {
         self.radiance.degrade(conditions, which);
     }
 
-    /// Blurs the luminance of the last exposed light by about a Gaussian of this standard deviation.
-    pub fn blur(&mut self, sigma_px: f32) {
+    /// Blurs the luminance of the last exposed light by about a Gaussian of this sigma.
+    pub(crate) fn blur(&mut self, sigma_px: f32) {
         self.radiance.blur(sigma_px);
     }
 

@@ -156,10 +156,10 @@ pub struct Scene {
     pub wearer: Wearer,
     /// Panes. Light passes them without attenuation.
     pub glass: Body,
-    /// A fence along the route; none unless [`Scene::furnish`] adds one.
-    pub fence: Body,
+    /// A fence along the route; see [`Scenery::fence_spacing_m`].
+    pub(crate) fence: Body,
     /// Gloss of the ground; see [`Scenery::gloss`].
-    pub gloss: f32,
+    pub(crate) gloss: f32,
     /// Moving bodies.
     pub moving: Vec<Moving>,
     /// Light sources.
@@ -297,7 +297,8 @@ impl Scene {
             let (material, texture) = palette::METAL.alone(Class::Obstacle, self.textures.len());
             self.materials.push(material);
             self.textures.push(texture);
-            let mesh = fence::mesh(self, scenery.fence_spacing_m, stuff);
+            let ground = |x, y, below| Some(self.ground(x, y, below)?.height);
+            let mesh = fence::mesh(&self.route, ground, scenery.fence_spacing_m, stuff);
             self.fence = Body::new(&mesh, &self.light.baked(&mesh, &self.solid));
         }
     }

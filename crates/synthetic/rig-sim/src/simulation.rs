@@ -631,7 +631,7 @@ impl Simulation {
     }
 
     /// Scenery of the walk.
-    pub fn scenery(&self) -> &Scenery {
+    pub(crate) fn scenery(&self) -> &Scenery {
         &self.scenery
     }
 

@@ -6,6 +6,7 @@ use depth::sigma::{Model, Sample};
 use depth::{Band, Config, Matcher, Preset};
 use serde_json::{Value, json};
 
+use super::changes;
 use super::coverage::Coverage;
 use super::frames::Frame;
 use super::imperfect;
@@ -27,7 +28,7 @@ pub(super) fn fit() -> Result<String> {
         for preset in presets {
             for (k, (_, frame)) in frames.iter().enumerate() {
                 samples.extend(samples_of(*preset, frame, k)?);
-                samples.extend(samples_of(*preset, &imperfect::FOR_FIT.apply(frame), k)?);
+                samples.extend(samples_of(*preset, &changes::FOR_FIT.apply(frame), k)?);
             }
         }
         let model = Model::fit(&samples).context("too few samples")?;

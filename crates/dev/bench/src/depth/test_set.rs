@@ -110,8 +110,8 @@ pub(super) fn render(places: &[Place]) -> Result<Vec<Found>> {
     parallel(places.len(), &walk)
 }
 
-/// Frames of held-out walks with each of [`imperfect::FOR_TEST`], in order; a quick run has the last
-/// of them only.
+/// Frames of held-out walks with each of [`imperfect::FOR_TEST`], in order; a quick run has the
+/// last of them only.
 ///
 /// # Errors
 /// There is no such walk.

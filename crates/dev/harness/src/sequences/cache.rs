@@ -1,8 +1,8 @@
 //! Cache of rendered images of walks.
 //!
-//! Contract: `FOLDER/HASH/CAMERA.grey` has the frames of one camera that are in sets, or the first of
-//! them, each the left eye's rows and then the right eye's, without header or gaps; `HASH/walk.txt`
-//! is the hashed text. A file with too few frames is rendered again.
+//! Contract: `FOLDER/HASH/CAMERA.grey` has the frames of one camera that are in sets, or the first
+//! of them, each the left eye's rows and then the right eye's, without header or gaps;
+//! `HASH/walk.txt` is the hashed text. A file with too few frames is rendered again.
 //! The hash covers all inputs of an image: settings, faults, rig, and the sources of the simulator.
 //! *On failure* a partial file has another name, and is rewritten. Two programs may render the same
 //! walk simultaneously: the file is the same whichever finishes first.

@@ -6,10 +6,10 @@
 
 use nalgebra::Vector3;
 
-use super::Scene;
-use super::build::Builder;
 use super::mesh::{Mesh, Stuff};
+use super::route::Route;
 use crate::walker::path::Path;
+use cad_transforms::so3;
 
 /// Distance from the path, m.
 const ASIDE_M: f64 = 1.2;
@@ -26,9 +26,15 @@ const CLEARANCE_STEP_M: f64 = 0.1;
 /// Height above the last ground within which the next is searched, m.
 const STEP_UP_M: f64 = 0.5;
 
-/// The mesh of a fence with a bar at every `spacing_m` of the path.
-pub(super) fn mesh(scene: &Scene, spacing_m: f64, stuff: Stuff) -> Mesh {
-    let path = Path::closed(&scene.route.points);
+/// The mesh of a fence with a bar at every `spacing_m` of the path. `ground(x, y, below)` is the
+/// height of the highest ground that is not above `below`, m.
+pub(super) fn mesh(
+    route: &Route,
+    ground: impl Fn(f64, f64, f64) -> Option<f64>,
+    spacing_m: f64,
+    stuff: Stuff,
+) -> Mesh {
+    let path = Path::closed(&route.points);
     let steps = |step_m: f64| (path.length_m() / step_m).floor() as usize;
     let free: Vec<[f64; 2]> = (0..steps(CLEARANCE_STEP_M))
         .map(|k| path.at(CLEARANCE_STEP_M * k as f64).0)
@@ -40,18 +46,18 @@ pub(super) fn mesh(scene: &Scene, spacing_m: f64, stuff: Stuff) -> Mesh {
     };
     let mut mesh = Mesh::default();
     for side in [-1.0, 1.0] {
-        let (mut below, mut last) = (scene.route.start_below, None);
+        let (mut below, mut last) = (route.start_below, None);
         for k in 0..steps(spacing_m) {
             let ([x, y], [dx, dy]) = path.at(spacing_m * k as f64);
             let at = [x - side * ASIDE_M * dy, y + side * ASIDE_M * dx];
-            let ground = scene.ground(x, y, below);
-            below = ground.map_or(below, |ground| ground.height + STEP_UP_M);
-            let (Some(ground), true) = (ground, is_clear(at)) else {
+            let height = ground(x, y, below);
+            below = height.map_or(below, |height| height + STEP_UP_M);
+            let (Some(height), true) = (height, is_clear(at)) else {
                 last = None;
                 continue;
             };
-            let foot = Vector3::new(at[0], at[1], ground.height);
-            let turn = Builder::yaw(libm::atan2(dy, dx));
+            let foot = Vector3::new(at[0], at[1], height);
+            let turn = so3::exp(Vector3::z() * libm::atan2(dy, dx));
             let size = Vector3::new(BAR_M, BAR_M, HEIGHT_M);
             let center = foot + Vector3::z() * (0.5 * HEIGHT_M);
             mesh.cuboid(center, size, turn, HEIGHT_M, stuff);
@@ -74,53 +80,5 @@ fn rails(mesh: &mut Mesh, from: Vector3<f64>, to: Vector3<f64>, stuff: Stuff) {
     };
     for height in RAILS_M {
         mesh.prism(outline(height), outline(height + RAIL_M), 1.0, stuff);
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::camera::placed;
-    use crate::scene::{Kind, Scenery, by_day};
-
-    fn fenced(kind: Kind, fence_spacing_m: f64) -> Scene {
-        let mut scene = (*by_day(kind, 1)).clone();
-        scene.furnish(&Scenery {
-            fence_spacing_m,
-            ..Scenery::default()
-        });
-        scene
-    }
-
-    #[test]
-    fn bars_are_beside_the_path_on_its_ground() {
-        for kind in [Kind::Pavement, Kind::Stairs] {
-            let scene = fenced(kind, 0.12);
-            let path = Path::closed(&scene.route.points);
-            let near = |p: &Vector3<f64>| {
-                let steps = 0..(path.length_m() / 0.1) as usize;
-                let of = |k: usize| {
-                    let ([x, y], _) = path.at(0.1 * k as f64);
-                    libm::hypot(p.x - x, p.y - y)
-                };
-                steps.map(of).fold(f64::MAX, f64::min)
-            };
-            let corners = scene.fence.triangles.iter().flat_map(|t| &t.corners);
-            let corners: Vec<_> = corners.step_by(37).map(|c| c.position).collect();
-            assert!(corners.len() > 100, "{kind:?}: {}", corners.len());
-            for corner in &corners {
-                let distance = near(corner);
-                assert!((1.1..1.3).contains(&distance), "{kind:?}: {distance}");
-            }
-        }
-    }
-
-    #[test]
-    fn no_spacing_is_no_fence() {
-        let (with, without) = (fenced(Kind::Pavement, 0.2), fenced(Kind::Pavement, 0.0));
-        assert!(without.fence.triangles.is_empty());
-        let (with, without) = (placed(&with), placed(&without));
-        assert_eq!(with.len(), without.len() + 1);
-        assert_eq!(with[1].first, with[0].next());
     }
 }

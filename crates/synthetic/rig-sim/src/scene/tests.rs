@@ -108,3 +108,44 @@ fn stairs_are_climbed_slowly_in_every_lap() {
         .sum();
     assert!((walked - round).abs() < 1e-6, "{walked} {round}");
 }
+
+fn fenced(kind: Kind, fence_spacing_m: f64) -> Scene {
+    let mut scene = (*by_day(kind, 1)).clone();
+    scene.furnish(&Scenery {
+        fence_spacing_m,
+        ..Scenery::default()
+    });
+    scene
+}
+
+#[test]
+fn bars_are_beside_the_path_on_its_ground() {
+    for kind in [Kind::Pavement, Kind::Stairs] {
+        let scene = fenced(kind, 0.12);
+        let path = Path::closed(&scene.route.points);
+        let near = |p: &Vector3<f64>| {
+            let steps = 0..(path.length_m() / 0.1) as usize;
+            let of = |k: usize| {
+                let ([x, y], _) = path.at(0.1 * k as f64);
+                libm::hypot(p.x - x, p.y - y)
+            };
+            steps.map(of).fold(f64::MAX, f64::min)
+        };
+        let corners = scene.fence.triangles.iter().flat_map(|t| &t.corners);
+        let corners: Vec<_> = corners.step_by(37).map(|c| c.position).collect();
+        assert!(corners.len() > 100, "{kind:?}: {}", corners.len());
+        for corner in &corners {
+            let distance = near(corner);
+            assert!((1.1..1.3).contains(&distance), "{kind:?}: {distance}");
+        }
+    }
+}
+
+#[test]
+fn no_spacing_is_no_fence() {
+    let (with, without) = (fenced(Kind::Pavement, 0.2), fenced(Kind::Pavement, 0.0));
+    assert!(without.fence.triangles.is_empty());
+    let [with, without] = [&with, &without].map(crate::camera::placed);
+    assert_eq!(with.len(), without.len() + 1);
+    assert_eq!(with[1].first, with[0].next());
+}

@@ -1,6 +1,6 @@
 //! Models of the presets, as printed by `bench depth --fit`: fitted on simulated walks over a
 //! pavement, through a corridor and on a trail, by day, at night and with a low sun, as rendered
-//! and with imperfections (`crates/dev/bench/src/depth/test_set.rs`, `imperfect.rs`).
+//! and with imperfections (`crates/dev/bench/src/depth/test_set.rs`, `changes.rs`).
 
 use super::Model;
 

@@ -143,8 +143,8 @@ impl Landmark {
             .max(1)
     }
 
-    /// Adds an observation in the newest frame. That of a camera other than the host's is widened by
-    /// `cross_camera_ratio`.
+    /// Adds an observation in the newest frame. That of a camera other than the host's is widened
+    /// by `cross_camera_ratio`.
     pub(crate) fn observe(
         &mut self,
         number: u64,
