@@ -29,6 +29,18 @@ use crate::random;
 use crate::scene::Scene;
 use cad_transforms::so3;
 
+/// A small camera without distortion, for tests: x right, y down, z forward.
+#[cfg(test)]
+const TEST_CAMERA: CameraModel = CameraModel {
+    width: 160,
+    height: 120,
+    fx: 100.0,
+    fy: 100.0,
+    cx: 79.5,
+    cy: 59.5,
+    distortion: camera_models::Distortion::None,
+};
+
 /// Shutter: exposure times of the rows of an image.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Shutter {

@@ -294,7 +294,8 @@ impl Scene {
                 material: self.materials.len() as u16,
                 instance: FENCE_INSTANCE,
             };
-            let (material, texture) = palette::METAL.alone(Class::Obstacle, self.textures.len());
+            let (material, texture) =
+                palette::METAL.material_and_texture(Class::Obstacle, self.textures.len());
             self.materials.push(material);
             self.textures.push(texture);
             let ground = |x, y, below| Some(self.ground(x, y, below)?.height);

@@ -18,7 +18,7 @@ use nalgebra::{UnitQuaternion, Vector3};
 
 use crate::calibration_error::{CalibrationError, true_rig_toml};
 use crate::camera::placed::{Motion, Placed, placed};
-use crate::camera::sensor::{SensorModel, Tone};
+use crate::camera::sensor::SensorModel;
 use crate::camera::{Quality, Shutter};
 use crate::imu::{Imu, ImuFaults, ImuModel, ImuSample};
 use crate::lens::Lens;
@@ -35,9 +35,11 @@ use crate::walker::Walker;
 
 mod frame_renderer;
 mod ground_truth;
+mod imaging;
 
 pub use self::frame_renderer::{FrameRenderer, FrameSource, StereoFrame};
 pub use self::ground_truth::{GroundTruth, TagObservation};
+pub use self::imaging::{EyeDifference, Imaging};
 
 /// Random streams that seed the IMUs; distinct from the streams that the IMUs use themselves.
 const IMU_SEEDS: u64 = random::IMU + 0x80;
@@ -138,96 +140,6 @@ struct NominalCamera {
     imu_from_rig: RigidTransform,
 }
 
-/// Sensor response.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Imaging {
-    /// Fixed exposure time of all images, s; `None` for automatic exposure.
-    pub exposure_s: Option<f64>,
-    /// Factor on the noise standard deviation; 1 is nominal.
-    pub noise: f64,
-    /// Tone curve.
-    pub tone: Tone,
-    /// Whether rolling-shutter cameras expose all rows simultaneously.
-    pub global_shutter: bool,
-    /// Difference of the right eyes.
-    pub right_eye: EyeDifference,
-    /// Quantization step of a codec, gray levels; see [`codec`](crate::camera::codec). 0 for none.
-    pub codec_step: f32,
-}
-
-/// What distinguishes the right eye of a camera from the left one, beside the noise and the
-/// nonuniformity of their sensors; none by default. An error of the rectification is a
-/// [`CalibrationError`].
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct EyeDifference {
-    /// Standard deviation of the additional blur, px.
-    pub blur_px: f32,
-    /// Additional part of the cos⁴ falloff.
-    pub vignetting: f32,
-    /// Gain relative to the left eye, minus 1.
-    pub gain: f32,
-}
-
-impl Imaging {
-    /// Sensors as modelled: automatic exposure, nominal noise, sRGB, each camera's own shutter.
-    pub const USUAL: Self = Self {
-        exposure_s: None,
-        noise: 1.0,
-        tone: Tone::Srgb,
-        global_shutter: false,
-        right_eye: EyeDifference {
-            blur_px: 0.0,
-            vignetting: 0.0,
-            gain: 0.0,
-        },
-        codec_step: 0.0,
-    };
-
-    /// Of the left (0) or the right eye (1).
-    fn sensor(&self, eye: usize) -> SensorModel {
-        let both = SensorModel {
-            noise: self.noise as f32,
-            tone: self.tone,
-            ..SensorModel::SMALL
-        };
-        match eye {
-            0 => both,
-            _ => SensorModel {
-                vignetting: both.vignetting + self.right_eye.vignetting,
-                electrons_per_ms: both.electrons_per_ms * (1.0 + self.right_eye.gain),
-                ..both
-            },
-        }
-    }
-
-    fn check(&self) -> Result<(), SimulationError> {
-        let EyeDifference {
-            blur_px,
-            vignetting,
-            gain,
-        } = self.right_eye;
-        let most_vignetting = 1.0 - SensorModel::SMALL.vignetting;
-        let values = [
-            ("the noise", self.noise, 0.0, 100.0),
-            (
-                "the blur of the right eye, px,",
-                f64::from(blur_px),
-                0.0,
-                10.0,
-            ),
-            (
-                "the vignetting of the right eye",
-                f64::from(vignetting),
-                0.0,
-                f64::from(most_vignetting),
-            ),
-            ("the gain of the right eye", f64::from(gain), -0.5, 1.0),
-            ("the codec's step", f64::from(self.codec_step), 0.0, 255.0),
-        ];
-        in_ranges(&values)
-    }
-}
-
 impl Settings {
     fn check(&self) -> Result<(), SimulationError> {
         let wrong = |what, found: &dyn std::fmt::Display, expected: String| {
@@ -290,6 +202,39 @@ impl Plan {
             ("the scale error of the boards", self.scale_error, -0.2, 0.2),
         ])
     }
+}
+
+/// Checks a sensor response, its exposure excepted.
+fn check_imaging(imaging: &Imaging) -> Result<(), SimulationError> {
+    let EyeDifference {
+        blur_px,
+        vignetting,
+        gain,
+    } = imaging.right_eye;
+    let most_vignetting = 1.0 - SensorModel::SMALL.vignetting;
+    let values = [
+        ("the noise", imaging.noise, 0.0, 100.0),
+        (
+            "the blur of the right eye, px,",
+            f64::from(blur_px),
+            0.0,
+            10.0,
+        ),
+        (
+            "the vignetting of the right eye",
+            f64::from(vignetting),
+            0.0,
+            f64::from(most_vignetting),
+        ),
+        ("the gain of the right eye", f64::from(gain), -0.5, 1.0),
+        (
+            "the codec's step",
+            f64::from(imaging.codec_step),
+            0.0,
+            255.0,
+        ),
+    ];
+    in_ranges(&values)
 }
 
 /// Checks values, each with its name, minimum and maximum.
@@ -508,7 +453,7 @@ impl Simulation {
                 expected: format!("above 0 and at most {most} s"),
             });
         }
-        imaging.check()?;
+        check_imaging(&imaging)?;
         if imaging.global_shutter {
             let cameras = self.cameras.iter_mut();
             cameras.for_each(|camera| camera.shutter = Shutter::Global);

@@ -8,6 +8,7 @@ use rig_sim::scene::{Kind, Lighting};
 use serde_json::{Value, json};
 
 use super::frames::{Frame, Walk};
+use super::imperfect;
 use super::race::BAD_2;
 use super::test_set::{SECONDS, SIZE};
 use crate::meter::timed;
@@ -42,7 +43,15 @@ pub(super) fn bands(quick: bool) -> Result<Value> {
         .collect();
     let mut rows = Vec::new();
     for kind in &kinds[..if quick { 1 } else { kinds.len() }] {
-        let walk = Walk::new(*kind, Lighting::Day, 8, SECONDS, SIZE, Quality::ACCURATE)?;
+        let walk = Walk::new(
+            *kind,
+            Lighting::Day,
+            8,
+            SECONDS,
+            SIZE,
+            Quality::ACCURATE,
+            &imperfect::NONE,
+        )?;
         for camera in 0..walk.cameras() {
             let frames = walk.frames(camera, &numbers)?;
             for preset in Preset::ALL {

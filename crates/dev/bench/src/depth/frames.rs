@@ -22,7 +22,7 @@ use rig_sim::camera::truth::Truth;
 use rig_sim::scene::{Kind, Lighting};
 use rig_sim::simulation::{Settings, Simulation};
 
-use super::imperfect::{self, Imperfection};
+use super::imperfect::Imperfection;
 
 const RIG: &str = include_str!("../../../../../cad-transforms/rigs/example.toml");
 /// Disparity range of images of 672 columns: the wearer's knees are no nearer.
@@ -84,26 +84,11 @@ pub(crate) struct Walk {
 }
 
 impl Walk {
-    /// Prepares a walk of `seconds` with images of `size`.
+    /// Prepares a walk of `seconds` with images of `size` and an imperfection.
     ///
     /// # Errors
     /// There is no such walk.
-    pub(crate) fn new(
-        kind: Kind,
-        light: Lighting,
-        seed: u64,
-        seconds: f64,
-        size: [u32; 2],
-        quality: Quality,
-    ) -> Result<Self> {
-        Self::imperfect(kind, light, seed, seconds, size, quality, &imperfect::NONE)
-    }
-
-    /// The same with an imperfection.
-    ///
-    /// # Errors
-    /// There is no such walk.
-    pub(super) fn imperfect(
+    pub(super) fn new(
         kind: Kind,
         light: Lighting,
         seed: u64,

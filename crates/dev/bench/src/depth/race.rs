@@ -8,6 +8,7 @@ use rig_sim::scene::{Kind, Lighting};
 use serde_json::{Value, json};
 
 use super::frames::{Frame, Walk};
+use super::imperfect;
 use super::peers::{Peers, SgbmConfig};
 use crate::meter::{median, timed};
 
@@ -288,6 +289,7 @@ pub(super) fn rate(quick: bool) -> Result<Value> {
         20.0,
         RATE_SIZE,
         Quality::FAST,
+        &imperfect::NONE,
     )?;
     let frames = walk.frames(0, &[90, 150])?;
     let runs = if quick { 3 } else { 25 };

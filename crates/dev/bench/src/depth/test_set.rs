@@ -143,7 +143,7 @@ pub(super) fn render_imperfect(quick: bool) -> Result<Vec<Found>> {
 
 /// The frames of all cameras of a walk.
 fn frames(place: &Place, imperfection: &Imperfection) -> Result<Vec<Frame>> {
-    let walk = Walk::imperfect(
+    let walk = Walk::new(
         place.kind,
         place.light,
         place.seed,

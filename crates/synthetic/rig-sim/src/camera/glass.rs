@@ -62,7 +62,7 @@ pub(super) fn mirrored(cosine: f32) -> f32 {
 
 /// Blends panes over an image without panes that has weight `weight`. `views` are those of the
 /// world.
-pub fn cover(
+pub(super) fn cover(
     image: &mut Radiance,
     scene: &Scene,
     behind: &Visibility,
@@ -105,14 +105,13 @@ pub(super) fn dot(a: &[f32; 3], b: &[f32; 3]) -> f32 {
 
 #[cfg(test)]
 mod tests {
-    use camera_models::{CameraModel, Distortion};
     use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
 
     use super::*;
     use crate::camera::Shot;
     use crate::camera::sensor::{Exposure, SensorModel};
     use crate::camera::truth::TruthCamera;
-    use crate::camera::{MonoCamera, Placed, Quality, Shutter};
+    use crate::camera::{MonoCamera, Placed, Quality, Shutter, TEST_CAMERA};
     use crate::scene::body::Body;
     use crate::scene::surface::Class;
     use crate::scene::{Kind, Lighting};
@@ -131,23 +130,9 @@ mod tests {
         let with = Scene::new(Kind::Room, Lighting::Day, 1);
         let mut without = with.clone();
         without.glass = Body::default();
-        let model = CameraModel {
-            width: 160,
-            height: 120,
-            fx: 100.0,
-            fy: 100.0,
-            cx: 79.5,
-            cy: 59.5,
-            distortion: Distortion::RadTan4 {
-                k1: 0.0,
-                k2: 0.0,
-                p1: 0.0,
-                p2: 0.0,
-            },
-        };
         let quality = Quality::FAST;
-        let mut eye = MonoCamera::new(&model, Shutter::Global, SensorModel::SMALL, quality);
-        let mut true_eye = TruthCamera::new(&model, Shutter::Global);
+        let mut eye = MonoCamera::new(&TEST_CAMERA, Shutter::Global, SensorModel::SMALL, quality);
+        let mut true_eye = TruthCamera::new(&TEST_CAMERA, Shutter::Global);
         let axes = Matrix3::from_columns(&[-Vector3::y(), -Vector3::z(), Vector3::x()]);
         let turn = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(axes));
         let pose = |_: f64| (Vector3::new(4.9, 3.5, 1.2), turn);

@@ -83,30 +83,20 @@ fn source(scene: &Scene, reflection: &Reflection) -> f32 {
 
 #[cfg(test)]
 mod tests {
-    use camera_models::{CameraModel, Distortion};
     use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
 
     use crate::camera::sensor::{Exposure, SensorModel};
-    use crate::camera::{MonoCamera, Quality, Shot, Shutter, placed};
+    use crate::camera::{MonoCamera, Quality, Shot, Shutter, TEST_CAMERA, placed};
     use crate::scene::{Kind, Lighting, Scene, Scenery};
 
     /// A camera above the middle of the corridor looks ahead and down.
     fn seen(scene: &Scene) -> Vec<f32> {
-        let model = CameraModel {
-            width: 160,
-            height: 120,
-            fx: 100.0,
-            fy: 100.0,
-            cx: 79.5,
-            cy: 59.5,
-            distortion: Distortion::RadTan4 {
-                k1: 0.0,
-                k2: 0.0,
-                p1: 0.0,
-                p2: 0.0,
-            },
-        };
-        let mut eye = MonoCamera::new(&model, Shutter::Global, SensorModel::SMALL, Quality::FAST);
+        let mut eye = MonoCamera::new(
+            &TEST_CAMERA,
+            Shutter::Global,
+            SensorModel::SMALL,
+            Quality::FAST,
+        );
         let [x, y] = scene.route.points[0];
         let axes = Matrix3::from_columns(&[-Vector3::y(), -Vector3::z(), Vector3::x()]);
         let ahead = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(axes));

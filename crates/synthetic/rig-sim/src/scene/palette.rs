@@ -64,8 +64,9 @@ impl Finish {
 }
 
 impl Finish {
-    /// Its material with the texture of this number, and that texture: for a scene that is built.
-    pub(super) fn alone(&self, class: Class, texture: usize) -> (Material, Texture) {
+    /// Its material with the texture of this number, and that texture, to add to a scene that is
+    /// built already.
+    pub(super) fn material_and_texture(&self, class: Class, texture: usize) -> (Material, Texture) {
         let material = Material {
             class,
             walkable: false,

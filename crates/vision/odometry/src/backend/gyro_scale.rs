@@ -79,11 +79,11 @@ impl Border {
         );
         let solved = solve(&right);
         let by_scale = solved.fixed_columns::<3>(0).into_owned();
-        let alone = solved.column(3);
+        let without_border = solved.column(3);
         let covariance = (self.information - by.transpose() * &by_scale).try_inverse()?;
-        let scale_step = -(covariance * (self.gradient + by.transpose() * alone));
+        let scale_step = -(covariance * (self.gradient + by.transpose() * without_border));
         Some(BorderedStep {
-            step: alone - &by_scale * scale_step,
+            step: without_border - &by_scale * scale_step,
             scale_step,
             by_scale,
             covariance: (covariance + covariance.transpose()) * 0.5,

@@ -340,10 +340,10 @@ impl Preintegrated {
             .copy_from(&displacement_by);
         // Relative errors are proportional to the measured motion and persist: their sigma is added
         // for the whole motion.
-        let turned = so3::log(&rotation);
+        let angle = so3::log(&rotation);
         let [gyro, accel] = config.relative_error;
         let systematic_error = [
-            gyro * turned.norm(),
+            gyro * angle.norm(),
             accel * velocity.norm(),
             accel * displacement.norm(),
         ];
@@ -353,7 +353,7 @@ impl Preintegrated {
         let (first, last) = (&readings[0], &readings[readings.len() - 1]);
         let seconds = (last.time_ns - first.time_ns) as f64 * 1e-9;
         // A scale error acts as a bias that is proportional to the mean rate.
-        let mean_rate = turned / seconds.max(1e-6);
+        let mean_rate = angle / seconds.max(1e-6);
         let by_gyro_bias = by_bias.fixed_columns::<3>(0);
         let by_sigma = mean_rate * config.gyro_scale_sigma;
         let by_gyro_scale = by_gyro_bias * Matrix3::from_diagonal(&by_sigma);

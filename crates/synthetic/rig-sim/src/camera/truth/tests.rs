@@ -1,6 +1,5 @@
-use camera_models::Distortion;
-
 use super::*;
+use crate::camera::TEST_CAMERA;
 use crate::scene::body::Body;
 use crate::scene::mesh::{Mesh, Stuff};
 use crate::scene::{Kind, by_day};
@@ -9,15 +8,7 @@ use crate::scene::{Kind, by_day};
 #[test]
 fn flow_follows_moving_surfaces_and_marks_occlusions() {
     let scene = by_day(Kind::Room, 1);
-    let model = CameraModel {
-        width: 160,
-        height: 120,
-        fx: 100.0,
-        fy: 100.0,
-        cx: 79.5,
-        cy: 59.5,
-        distortion: Distortion::None,
-    };
+    let model = TEST_CAMERA;
     let turn = UnitQuaternion::from_basis_unchecked(&[-Vector3::y(), -Vector3::z(), Vector3::x()]);
     let eye_at = Vector3::new(2.0, 3.5, 1.2);
     let eye_pose = |_: f64| (eye_at, turn);

@@ -325,11 +325,11 @@ fn add_gyroscope(window: &mut Window, scale: &Vector3<f64>) {
     for k in 1..window.frames.len() {
         let [from, to] = [k - 1, k].map(truth);
         let seconds = (to.time_ns - from.time_ns) as f64 * 1e-9;
-        let turned = so3::log(&(from.rotation.inverse() * to.rotation));
-        let measured = turned.component_mul(&scale.map(|s| 1.0 + s * config.gyro_scale_sigma));
+        let angle = so3::log(&(from.rotation.inverse() * to.rotation));
+        let reading = angle.component_mul(&scale.map(|s| 1.0 + s * config.gyro_scale_sigma));
         let readings = [from.time_ns, to.time_ns].map(|time_ns| Reading {
             time_ns,
-            gyro: measured / seconds,
+            gyro: reading / seconds,
             accel: zero,
             saturated: [false; 2],
         });
@@ -363,7 +363,7 @@ fn gyroscope_scale_is_estimated_and_remains_after_marginalization() {
     // What the prior knows is independent of where the iteration starts.
     small.prior.gyro_scale.error = Vector3::zeros();
     let (_, covariance) = optimize_window(&mut small, 20);
-    let remembered = small.prior.gyro_scale.error;
-    assert!((remembered - found).amax() < 0.05, "{remembered} {found}");
+    let of_prior = small.prior.gyro_scale.error;
+    assert!((of_prior - found).amax() < 0.05, "{of_prior} {found}");
     assert!(covariance.is_some());
 }
