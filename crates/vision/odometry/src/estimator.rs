@@ -36,6 +36,7 @@ use crate::frontend::tracker::{Expected, Track, Tracker, transfer_pixel};
 
 mod camera_agreement;
 mod camera_shift;
+mod course;
 mod cross_camera;
 #[doc(hidden)]
 pub mod feature_tracks;
@@ -49,6 +50,7 @@ pub use camera_shift::CameraShift;
 mod tests;
 
 use camera_agreement::{Agreement, compare_cameras};
+use course::Course;
 use outliers::count_inliers;
 pub(crate) use outliers::sigma_ratio;
 
@@ -120,6 +122,8 @@ pub struct Odometry {
     /// Uncertainties of earlier resets that the covariance of the window does not contain.
     unmodeled: Vec<ResetUncertainty>,
     camera_shifts: Vec<CameraShift>,
+    /// The path as it depends on the rotation between camera and body.
+    course: Course,
     number: u64,
     next_track: u64,
     /// Features of the last keyframe: camera, track id, ray.
@@ -157,6 +161,7 @@ impl Odometry {
             is_lost: false,
             unmodeled: Vec::new(),
             camera_shifts: Vec::new(),
+            course: Course::default(),
             number: 0,
             next_track: 0,
             reference: Vec::new(),
@@ -303,6 +308,8 @@ impl Odometry {
         let before = &window.frames[window.frames.len() - 2].state;
         self.odom_from_body =
             self.odom_from_keyframe * (before.pose().inverse() * window.newest().state.pose());
+        let motion = last_odom.inverse() * self.odom_from_body;
+        (self.course).advance(&window.newest().state.rotation, &motion);
         if is_keyframe {
             self.odom_from_keyframe = self.odom_from_body;
         }
@@ -350,7 +357,6 @@ impl Odometry {
         if self.gyro_rate(time_ns).is_none() {
             // Without a gyroscope the angular rate is assumed constant.
             let seconds = (state.time_ns - last.time_ns) as f64 * 1e-9;
-            let motion = last_odom.inverse() * self.odom_from_body;
             let rotation_change = cad_transforms::so3::log(motion.rotation());
             state.gyro_rate = rotation_change / seconds.max(1e-3) + state.gyro_bias;
             if let Some(newest) = window.frames.last_mut() {
@@ -514,7 +520,9 @@ impl Odometry {
         is_keyframe: bool,
     ) -> Estimate {
         let state = &window.newest().state;
-        let covariance = self.with_unmodeled(state, *covariance);
+        let mut covariance = self.with_unmodeled(state, *covariance);
+        let mut position = covariance.fixed_view_mut::<3, 3>(0, 0);
+        position += self.course.covariance(&self.config.backend.covariance);
         let mut covariance = in_rig_frame(
             &self.config.backend.covariance,
             state,

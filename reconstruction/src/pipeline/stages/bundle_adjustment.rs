@@ -35,7 +35,7 @@ impl Stage<Input> for BundleAdjustmentStage {
     }
 
     fn version(&self) -> u32 {
-        10
+        11
     }
 
     fn inputs(&self) -> &'static [&'static str] {

@@ -7,7 +7,7 @@ config! {
     pub struct InertialConfig {
         /// Factor on the noise densities of the data sheet or an Allan deviation; covers thermal
         /// drift and vibration. Lower is overconfident, higher gives the vertical away.
-        pub noise_inflation: f64 = 2.0,
+        pub noise_inflation: f64 = 1.0,
         /// Prior sigma of the scale error of the gyroscope about each axis, which is estimated: a
         /// value for consumer MEMS parts.
         pub gyro_scale_sigma: f64 = 4e-3,
