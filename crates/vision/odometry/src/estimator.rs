@@ -142,6 +142,7 @@ impl Odometry {
             let inflation = config.backend.covariance.sigma_inflation;
             stereo::set_covariances(&mut cameras, inflation, &covariance);
         }
+        let course = Course::new(&config.backend, &rig.cameras, &cameras);
         Self {
             config,
             cameras,
@@ -161,7 +162,7 @@ impl Odometry {
             is_lost: false,
             unmodeled: Vec::new(),
             camera_shifts: Vec::new(),
-            course: Course::default(),
+            course,
             number: 0,
             next_track: 0,
             reference: Vec::new(),
@@ -522,7 +523,7 @@ impl Odometry {
         let state = &window.newest().state;
         let mut covariance = self.with_unmodeled(state, *covariance);
         let mut position = covariance.fixed_view_mut::<3, 3>(0, 0);
-        position += self.course.covariance(&self.config.backend.covariance);
+        position += self.course.covariance();
         let mut covariance = in_rig_frame(
             &self.config.backend.covariance,
             state,

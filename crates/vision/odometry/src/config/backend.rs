@@ -67,8 +67,7 @@ config! {
         pub sigma_inflation: f64 = 3.0,
         /// Additional position sigma, m.
         pub position_sigma_floor_m: f64 = 0.003,
-        /// Sigma of the rotation between camera and body, rad. It is added to rotations, and turns
-        /// the path.
+        /// Additional rotation sigma, rad.
         pub rotation_sigma_floor_rad: f64 = 1.5e-3,
         /// Initial tilt sigma of a rig without an IMU, whose world is not levelled, rad.
         pub initial_tilt_sigma_rad: f64 = 0.35,

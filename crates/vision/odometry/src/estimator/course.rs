@@ -2,22 +2,41 @@
 //!
 //! Images measure it in the axes of a camera, so that an error of the rotation between camera and
 //! body turns every step of a path. The window does not estimate this rotation, and no observation
-//! in it contradicts one: its uncertainty is added to positions (a consider parameter; Schmidt,
-//! Application of state-space methods to navigation problems, 1966).
+//! in it contradicts one: its uncertainty, the prior that bundle adjustment estimates it with, is
+//! added to positions (a consider parameter; Schmidt, Application of state-space methods to
+//! navigation problems, 1966).
 
 use cad_transforms::RigidTransform;
 use nalgebra::{Matrix3, UnitQuaternion};
 
-use crate::config::CovarianceConfig;
+use crate::backend::extrinsics::ExtrinsicsPrior;
+use crate::backend::observation::Camera;
+use crate::config::BackendConfig;
+use crate::rig::StereoCamera;
 
 /// The path so far, as its positions depend on the rotation.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug)]
 pub(super) struct Course {
+    /// Sigma of the rotation about any axis, by the sigmas of the solver.
+    sigma: f64,
     /// Derivative of the position in the world by a rotation of all steps in the axes of the body.
     by_rotation: Matrix3<f64>,
 }
 
 impl Course {
+    /// A path that begins. All cameras may be rotated alike.
+    pub(super) fn new(config: &BackendConfig, of: &[StereoCamera], cameras: &[Camera]) -> Self {
+        let variances = of.iter().zip(cameras).map(|(of, camera)| {
+            let sigmas = ExtrinsicsPrior::new(&config.extrinsics, of, camera).sigmas();
+            sigmas.fixed_rows::<3>(3).norm_squared() / 3.0
+        });
+        let mean = variances.sum::<f64>() / of.len().max(1) as f64;
+        Self {
+            sigma: mean.sqrt() / config.covariance.sigma_inflation,
+            by_rotation: Matrix3::zeros(),
+        }
+    }
+
     /// Adds a step of the body: its rotation in the world after it, and the pose in its frame
     /// before it.
     pub(super) fn advance(&mut self, rotation: &UnitQuaternion<f64>, step: &RigidTransform) {
@@ -27,16 +46,15 @@ impl Course {
     }
 
     /// Covariance of the position in the world, by the sigmas of the solver.
-    pub(super) fn covariance(&self, config: &CovarianceConfig) -> Matrix3<f64> {
-        let sigma = config.rotation_sigma_floor_rad / config.sigma_inflation;
-        self.by_rotation * self.by_rotation.transpose() * (sigma * sigma)
+    pub(super) fn covariance(&self) -> Matrix3<f64> {
+        self.by_rotation * self.by_rotation.transpose() * (self.sigma * self.sigma)
     }
 }
 
 #[cfg(test)]
 mod tests {
     use cad_transforms::so3;
-    use nalgebra::Vector3;
+    use nalgebra::{Matrix6, Vector3};
 
     use super::*;
 
@@ -58,30 +76,51 @@ mod tests {
         position
     }
 
+    /// A path of a rig with one camera, and its rotation sigma.
+    fn course(covariance: Option<Matrix6<f64>>) -> (Course, f64) {
+        let config = BackendConfig::default();
+        let of = StereoCamera {
+            covariance,
+            ..crate::test_rig::stereo(0.1)
+        };
+        let camera = Camera::new(&of, &RigidTransform::identity());
+        let course = Course::new(&config, &[of], &[camera]);
+        let sigma = course.sigma * config.covariance.sigma_inflation;
+        (course, sigma)
+    }
+
     #[test]
     fn error_of_the_rotation_turns_the_path() {
-        let config = CovarianceConfig::default();
         for sides in [1, 2, 4] {
-            let mut course = Course::default();
-            let exact = walk(&Vector3::zeros(), sides, &mut course);
+            let (mut path, _) = course(None);
+            let exact = walk(&Vector3::zeros(), sides, &mut path);
             let mut expected = Matrix3::zeros();
             for axis in 0..3 {
                 let mut error = Vector3::zeros();
                 error[axis] = 1e-5;
-                let moved = walk(&error, sides, &mut Course::default());
-                let by = (moved - exact) / 1e-5 * config.rotation_sigma_floor_rad;
+                let by = (walk(&error, sides, &mut course(None).0) - exact) / 1e-5 * path.sigma;
                 expected += by * by.transpose();
             }
-            let found = course.covariance(&config) * config.sigma_inflation.powi(2);
+            let found = path.covariance();
             assert!(
                 (found - expected).amax() < 1e-4 * expected.amax(),
                 "{sides}"
             );
         }
         // Back at the start a rotation about the vertical has no effect, but a climb remains.
-        let mut course = Course::default();
-        walk(&Vector3::zeros(), 4, &mut course);
-        let covariance = course.covariance(&config);
+        let (mut path, _) = course(None);
+        walk(&Vector3::zeros(), 4, &mut path);
+        let covariance = path.covariance();
         assert!(covariance[(0, 0)] < 1e-9 && covariance[(2, 2)] > 1e-6);
+    }
+
+    #[test]
+    fn sigma_is_that_of_the_calibration() {
+        let config = BackendConfig::default().extrinsics;
+        let (stated, floor) = (5e-4_f64, config.sigma_floor[1]);
+        let (_, sigma) = course(Some(Matrix6::identity() * (stated * stated)));
+        assert!((sigma - stated.hypot(floor)).abs() < 1e-9);
+        let (_, sigma) = course(None);
+        assert!((sigma - config.default_sigma[1].hypot(floor)).abs() < 1e-9);
     }
 }
