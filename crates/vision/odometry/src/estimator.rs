@@ -521,9 +521,7 @@ impl Odometry {
         is_keyframe: bool,
     ) -> Estimate {
         let state = &window.newest().state;
-        let mut covariance = self.with_unmodeled(state, *covariance);
-        let mut position = covariance.fixed_view_mut::<3, 3>(0, 0);
-        position += self.course.covariance();
+        let covariance = self.with_unmodeled(state, *covariance) + self.course.covariance();
         let mut covariance = in_rig_frame(
             &self.config.backend.covariance,
             state,

@@ -7,7 +7,7 @@
 //! navigation problems, 1966).
 
 use cad_transforms::RigidTransform;
-use nalgebra::{Matrix3, UnitQuaternion};
+use nalgebra::{Matrix3, Matrix6, UnitQuaternion};
 
 use crate::backend::extrinsics::ExtrinsicsPrior;
 use crate::backend::observation::Camera;
@@ -45,16 +45,19 @@ impl Course {
         self.by_rotation -= rotation.to_rotation_matrix() * in_body.cross_matrix();
     }
 
-    /// Covariance of the position in the world, by the sigmas of the solver.
-    pub(super) fn covariance(&self) -> Matrix3<f64> {
-        self.by_rotation * self.by_rotation.transpose() * (self.sigma * self.sigma)
+    /// Covariance of the pose, position in the world, by the sigmas of the solver.
+    pub(super) fn covariance(&self) -> Matrix6<f64> {
+        let mut covariance = Matrix6::zeros();
+        let by = self.by_rotation * self.sigma;
+        (covariance.fixed_view_mut::<3, 3>(0, 0)).copy_from(&(by * by.transpose()));
+        covariance
     }
 }
 
 #[cfg(test)]
 mod tests {
     use cad_transforms::so3;
-    use nalgebra::{Matrix6, Vector3};
+    use nalgebra::Vector3;
 
     use super::*;
 
@@ -101,7 +104,7 @@ mod tests {
                 let by = (walk(&error, sides, &mut course(None).0) - exact) / 1e-5 * path.sigma;
                 expected += by * by.transpose();
             }
-            let found = path.covariance();
+            let found = path.covariance().fixed_view::<3, 3>(0, 0).into_owned();
             assert!(
                 (found - expected).amax() < 1e-4 * expected.amax(),
                 "{sides}"
