@@ -67,8 +67,9 @@ config! {
         pub sigma_inflation: f64 = 3.0,
         /// Additional position sigma, m.
         pub position_sigma_floor_m: f64 = 0.003,
-        /// Additional rotation sigma, rad.
-        pub rotation_sigma_floor_rad: f64 = 1.5e-3,
+        /// Additional rotation sigma, rad. With 1e-3 the heading of single cameras with IMU is
+        /// overconfident.
+        pub rotation_sigma_floor_rad: f64 = 2e-3,
         /// Initial tilt sigma of a rig without an IMU, whose world is not levelled, rad.
         pub initial_tilt_sigma_rad: f64 = 0.35,
     }

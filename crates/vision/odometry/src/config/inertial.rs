@@ -5,10 +5,10 @@ use estimator_config::config;
 config! {
     /// IMU samples and their preintegration.
     pub struct InertialConfig {
-        /// Factor on the noise densities of the data sheet or an Allan deviation. Reported sigmas
-        /// have `sigma_inflation` besides, which covers thermal drift and vibration. Higher leaves
-        /// the heading to images.
-        pub noise_inflation: f64 = 1.0,
+        /// Factor on the noise densities of the data sheet or an Allan deviation; covers thermal
+        /// drift and vibration. Lower is overconfident on real motion (`cargo xtask bench gtsam`),
+        /// higher leaves the heading to images.
+        pub noise_inflation: f64 = 2.0,
         /// Prior sigma of the scale error of the gyroscope about each axis, which is estimated: a
         /// value for consumer MEMS parts.
         pub gyro_scale_sigma: f64 = 4e-3,
