@@ -504,8 +504,7 @@ impl Odometry {
             for track in &tracker.tracks {
                 if let Some(landmark) = window.landmarks.get_mut(&track.id) {
                     let observation = track.observation(k, &self.cameras[k], exposure_offset_s[k]);
-                    let ratio = self.config.frontend.cross_camera.sigma_ratio;
-                    landmark.observe(self.number, observation, ratio);
+                    landmark.observe(self.number, observation, self.cross_camera_ratio());
                 }
             }
         }

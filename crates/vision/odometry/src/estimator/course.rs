@@ -24,15 +24,15 @@ pub(super) struct Course {
 }
 
 impl Course {
-    /// A path that begins. All cameras may be rotated alike.
+    /// A path that begins. Errors of the cameras are independent, and their mean counts.
     pub(super) fn new(config: &BackendConfig, of: &[StereoCamera], cameras: &[Camera]) -> Self {
         let variances = of.iter().zip(cameras).map(|(of, camera)| {
             let sigmas = ExtrinsicsPrior::new(&config.extrinsics, of, camera).sigmas();
             sigmas.fixed_rows::<3>(3).norm_squared() / 3.0
         });
-        let mean = variances.sum::<f64>() / of.len().max(1) as f64;
+        let of_mean = variances.sum::<f64>() / (of.len().max(1) as f64).powi(2);
         Self {
-            sigma: mean.sqrt() / config.covariance.sigma_inflation,
+            sigma: of_mean.sqrt() / config.covariance.sigma_inflation,
             by_rotation: Matrix3::zeros(),
         }
     }

@@ -88,9 +88,19 @@ impl Odometry {
                 if let Some(landmark) = window.landmarks.get_mut(&track.id)
                     && self.trackers[to].insert(track)
                 {
-                    landmark.observe(self.number, observation, config.sigma_ratio);
+                    landmark.observe(self.number, observation, self.cross_camera_ratio());
                 }
             }
+        }
+    }
+
+    /// Factor on the sigma of observations across cameras. Without an IMU the rotation depends on
+    /// them, and they are not widened.
+    pub(super) fn cross_camera_ratio(&self) -> f64 {
+        if self.imus.is_some() {
+            self.config.frontend.cross_camera.sigma_ratio
+        } else {
+            1.0
         }
     }
 
