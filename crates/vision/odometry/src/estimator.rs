@@ -310,7 +310,8 @@ impl Odometry {
         self.odom_from_body =
             self.odom_from_keyframe * (before.pose().inverse() * window.newest().state.pose());
         let motion = last_odom.inverse() * self.odom_from_body;
-        (self.course).advance(&window.newest().state.rotation, &motion);
+        self.course
+            .advance(&window.newest().state.rotation, &motion);
         if is_keyframe {
             self.odom_from_keyframe = self.odom_from_body;
         }
