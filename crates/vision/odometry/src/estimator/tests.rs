@@ -137,3 +137,12 @@ fn uncertainty_of_a_loss_without_imu_remains() {
         assert!(sigma(estimate) > 0.95 * sigma(&after[0]), "{k}");
     }
 }
+
+#[test]
+fn observations_across_cameras_are_widened_with_an_imu_only() {
+    let config = Config::preset(Preset::Balanced);
+    let ratio = |has_imu| Odometry::new(&rig(has_imu), config).cross_camera_ratio();
+    assert_eq!(ratio(true), config.frontend.cross_camera.sigma_ratio);
+    assert!(ratio(true) > 1.0);
+    assert_eq!(ratio(false), 1.0);
+}
