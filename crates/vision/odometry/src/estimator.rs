@@ -24,6 +24,7 @@ use crate::rig::Rig;
 use camera_models::ImuSample;
 use imaging::Pyramid;
 
+use crate::backend::gyro_scale::GyroScale;
 use crate::backend::motion_factor;
 use crate::backend::newest_pose::{pose_by_stereo, refine_newest};
 use crate::backend::observation::{Camera, CameraPose};
@@ -81,7 +82,8 @@ pub struct Estimate {
     /// its keyframes, as `world_from_rig` does.
     pub odom_from_rig: RigidTransform,
     /// Covariance of the pose relative to the keyframe before it, as a small motion of the rig in
-    /// its own axes: translation m, rotation rad.
+    /// its own axes: translation m, rotation rad. Zero for the first pose. Where the solver has
+    /// none: 1 m and 1 rad, times [`sigma_inflation`](crate::config::CovarianceConfig).
     pub relative_covariance: Matrix6<f64>,
     /// Velocity of the origin of the rig in the world, m/s.
     pub velocity: Vector3<f64>,
@@ -91,9 +93,10 @@ pub struct Estimate {
     pub inliers: usize,
     /// Whether the frame set became a keyframe.
     pub is_keyframe: bool,
-    /// Bias of the gyroscope in use, rad/s.
+    /// Bias of the gyroscope in use, rad/s, in the axes of the body: those of the first IMU of the
+    /// rig, also while another one is in use. Without IMUs it means nothing.
     pub gyro_bias: Vector3<f64>,
-    /// Bias of the accelerometer in use, m/s².
+    /// Bias of the accelerometer in use, m/s², in the same axes.
     pub accel_bias: Vector3<f64>,
 }
 
@@ -113,6 +116,8 @@ pub struct Odometry {
     keyframe_covariance: NewestCovariance,
     /// Information of the stereo calibrations at the start of the window.
     stereo_information: DMatrix<f64>,
+    /// Scale errors of the gyroscope at the start of the window, and their information.
+    gyro_scale: (Vector3<f64>, Matrix3<f64>),
     last: Option<State>,
     /// Poses of the body in the odom frame: at the last keyframe, and at the last frame set.
     odom_from_keyframe: RigidTransform,
@@ -135,6 +140,10 @@ pub struct Odometry {
 
 impl Odometry {
     /// Creates the estimator of a rig.
+    ///
+    /// # Panics
+    /// If the prior of the [stereo calibrations](crate::config::StereoCalibrationConfig) is
+    /// singular: for a sigma of 0, or for a correlation of 1 between several cameras.
     pub fn new(rig: &Rig, config: Config) -> Self {
         let (mut cameras, body_from_rig) = body_frame(rig);
         let stereo_information = stereo::prior_information(&config.backend, &rig.cameras);
@@ -154,7 +163,12 @@ impl Odometry {
             newest_is_keyframe: true,
             keyframe_covariance: NewestCovariance {
                 joint: DMatrix::zeros(0, 0),
+                gyro_scale: Matrix3::zeros(),
             },
+            gyro_scale: (
+                Vector3::zeros(),
+                GyroScale::prior_information(config.backend.covariance.sigma_inflation),
+            ),
             stereo_information,
             last: None,
             odom_from_keyframe: RigidTransform::identity(),
@@ -222,6 +236,9 @@ impl Odometry {
     }
 
     /// Adds a frame set and estimates its pose.
+    ///
+    /// # Panics
+    /// If the set has fewer views than the rig has cameras: a camera without a frame has `None`.
     pub fn add_frames(&mut self, set: &FrameSet<'_>) -> Estimate {
         let time_ns = set.time_ns;
         self.number += 1;
@@ -262,12 +279,12 @@ impl Odometry {
         self.match_in_new_frames(&mut window, &exposure_offset_s);
         let mut information = self.estimate_newest_pose(&mut window);
         let mut deviation = Matrix6::zeros();
-        let start_covariance = self.keyframe_covariance.state();
+        let start_covariance = &self.keyframe_covariance;
         match compare_cameras(
             &self.config.estimator,
             &mut window,
             &guess,
-            &start_covariance,
+            start_covariance,
         ) {
             Agreement::All => {}
             Agreement::Majority(of_others) => information = of_others.map(|of| *of),
@@ -292,15 +309,16 @@ impl Odometry {
         if !is_tracked {
             // A few accidental inliers would be accepted: the pose follows the IMU prediction.
             is_connected = self.discard_newest(&mut window, guess);
-            information =
-                refine_newest(&mut window, &self.keyframe_covariance.state(), 1, |_| true);
+            information = refine_newest(&mut window, &self.keyframe_covariance, 1, |_| true);
+            deviation = Matrix6::zeros();
         }
         let is_keyframe = self.is_keyframe(&window, is_tracked);
         let mut joint = None;
-        if is_keyframe || self.optimizes_every_frame() {
+        if is_keyframe || self.optimizes_every_frame(time_ns) {
             joint = optimize_window(&mut window, self.config.backend.max_iterations).1;
         }
-        let times = sigma_ratio(&self.config.estimator, inliers, self.cameras.len());
+        let present = set.views.iter().flatten().count();
+        let times = sigma_ratio(&self.config.estimator, inliers, present);
         let own = |times: f64| information.and_then(|of| of.pose_covariance(times));
         // Few inliers may all be on one object that moves.
         let relative_covariance = own(times).unwrap_or_else(Matrix6::identity) + deviation;
@@ -381,7 +399,7 @@ impl Odometry {
     }
 
     /// Whether the whole window is optimized for the next frame set, keyframe or not.
-    fn optimizes_every_frame(&self) -> bool {
+    fn optimizes_every_frame(&self, time_ns: i64) -> bool {
         let config = &self.config.backend;
         let tilt_variance = || {
             // In the world, z is the heading.
@@ -394,7 +412,8 @@ impl Odometry {
         };
         config.optimize_every_frame
             || self.number <= config.initial_frames
-            || (self.imus.is_some() && tilt_variance() > config.settled_tilt_sigma_rad.powi(2))
+            || (!self.is_imu_silent(time_ns)
+                && tilt_variance() > config.settled_tilt_sigma_rad.powi(2))
     }
 
     /// Tracks all features into new images. The predictions follow from the last and the predicted
@@ -445,21 +464,6 @@ impl Odometry {
         }
     }
 
-    /// Adds to the uncertainty that the window does not contain, which becomes one at this state.
-    fn add_unmodeled(&mut self, at: &State, covariance: Matrix6<f64>) {
-        let sum = self.with_unmodeled(at, covariance);
-        self.unmodeled = vec![ResetUncertainty::new(*at, sum)];
-    }
-
-    /// Adds the uncertainty of resets to the covariance of a pose in the window.
-    fn with_unmodeled(&self, state: &State, covariance: Matrix6<f64>) -> Matrix6<f64> {
-        let each = self
-            .unmodeled
-            .iter()
-            .map(|uncertainty| uncertainty.at(state));
-        each.fold(covariance, |sum, more| sum + more)
-    }
-
     /// Motion factor from the newest frame of the window to `time_ns`, and the predicted state.
     fn predict(&mut self, window: &Window, time_ns: i64) -> (MotionFactor, State) {
         let from = &window.newest().state;
@@ -501,11 +505,12 @@ impl Odometry {
 
     /// Adds the observations of landmarks in the newest frame to the window.
     fn match_in_new_frames(&self, window: &mut Window, exposure_offset_s: &[f64]) {
+        let ratio = self.cross_camera_ratio(window.newest().state.time_ns);
         for (k, tracker) in self.trackers.iter().enumerate() {
             for track in &tracker.tracks {
                 if let Some(landmark) = window.landmarks.get_mut(&track.id) {
                     let observation = track.observation(k, &self.cameras[k], exposure_offset_s[k]);
-                    landmark.observe(self.number, observation, self.cross_camera_ratio());
+                    landmark.observe(self.number, observation, ratio);
                 }
             }
         }

@@ -11,10 +11,11 @@ use std::collections::BTreeMap;
 
 use cad_transforms::RigidTransform;
 use camera_models::Eye as Side;
-use nalgebra::{DMatrix, Matrix6, UnitQuaternion};
+use nalgebra::{DMatrix, Matrix6, UnitQuaternion, Vector3};
 
 use crate::backend::covariance::{in_rig_frame, tilt_uncertainty};
 use crate::backend::extrinsics::ExtrinsicsPrior;
+use crate::backend::gyro_scale::GyroScale;
 use crate::backend::observation::{BearingObservation, Camera};
 use crate::backend::solver::MIN_INVERSE_RANGE_PER_M;
 use crate::backend::state::{POSE_DIM, ROTATION, State};
@@ -164,6 +165,10 @@ pub struct Mapping {
 
 impl Mapping {
     /// Creates the mapping of a rig, with the configuration of the estimator.
+    ///
+    /// # Panics
+    /// If the prior of the [stereo calibrations](crate::config::StereoCalibrationConfig) is
+    /// singular: for a sigma of 0, or for a correlation of 1 between several cameras.
     pub fn new(rig: &Rig, config: &Config) -> Self {
         let (cameras, body_from_rig) = body_frame(rig);
         let nominal = rig.cameras.iter().zip(&cameras);
@@ -391,9 +396,11 @@ impl Mapping {
             *observation = observation.widened(times);
         }
         // The prior is about the nominal calibration, the start is the last causal estimate.
+        let inflation = self.config.backend.covariance.sigma_inflation;
+        let gyro_scale = GyroScale::prior_information(inflation);
         let prior = prior
             .with_stereo(&self.cameras, &self.stereo_information)
-            .with_gyro_scale(self.config.backend.covariance.sigma_inflation);
+            .with_gyro_scale(Vector3::zeros(), gyro_scale);
         let mut cameras = self.cameras.clone();
         if let Some(last) = self.keyframes.last() {
             for (camera, error) in cameras.iter_mut().zip(&last.stereo_errors) {

@@ -1,15 +1,18 @@
 //! Covariance inflation: from the covariance of the solver to the reported one.
 
 use cad_transforms::RigidTransform;
-use nalgebra::{Const, DMatrix, Dyn, Matrix6, Matrix6x2, OMatrix, SMatrix};
+use nalgebra::{Const, DMatrix, Dyn, Matrix3, Matrix6, Matrix6x2, OMatrix, SMatrix};
 
 use crate::backend::state::{POSE_DIM, STATE_DIM, State};
 use crate::config::CovarianceConfig;
 
-/// Joint covariance of the newest state and the stereo calibrations.
+/// Joint covariance of the newest state and the stereo calibrations, and that of the scale errors
+/// of the gyroscope.
 #[derive(Clone, Debug)]
 pub(crate) struct NewestCovariance {
     pub(crate) joint: DMatrix<f64>,
+    /// Errors in sigmas, see [`GyroScale`](crate::backend::gyro_scale::GyroScale).
+    pub(crate) gyro_scale: Matrix3<f64>,
 }
 
 impl NewestCovariance {

@@ -103,11 +103,20 @@ impl GyroScale {
         }
     }
 
-    /// Errors to be estimated, with a sigma of one after the inflation of covariances.
-    pub(crate) fn estimated(rows: usize, sigma_inflation: f64) -> Self {
-        let mut scale = Self::fixed(rows);
-        scale.border.information = Matrix3::identity() * sigma_inflation.powi(2);
-        scale
+    /// Errors to be estimated, with this information at these errors.
+    pub(crate) fn estimated(rows: usize, error: Vector3<f64>, information: Matrix3<f64>) -> Self {
+        let mut border = Border::zeros(rows);
+        border.information = information;
+        Self {
+            error,
+            at: error,
+            border,
+        }
+    }
+
+    /// Information before any image: a sigma of one after the inflation of covariances.
+    pub(crate) fn prior_information(sigma_inflation: f64) -> Matrix3<f64> {
+        Matrix3::identity() * sigma_inflation.powi(2)
     }
 
     /// Deviation from the linearization point.

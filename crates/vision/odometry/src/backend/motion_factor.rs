@@ -6,6 +6,7 @@
 
 use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 
+use crate::backend::covariance::NewestCovariance;
 use crate::backend::state::{
     ACCEL_BIAS, GRAVITY, GYRO_BIAS, POSITION, ROTATION, STATE_DIM, State, VELOCITY,
 };
@@ -111,12 +112,13 @@ pub(crate) fn cost(
         + bias_walk[1] * r.fixed_rows::<3>(12).norm_squared()
 }
 
-/// Factor on the later state alone: information matrix and gradient. The earlier state is fixed,
-/// but its velocity, biases and tilt against gravity have the given covariance.
+/// Factor on the later state alone: information matrix and gradient. The earlier state and the
+/// scale errors of the gyroscope are fixed, but the scale errors and the earlier state's velocity,
+/// biases and tilt against gravity have the given covariance.
 pub(crate) fn with_uncertain_start(
     motion: &MotionFactor,
     from: &State,
-    covariance: &SMatrix<f64, STATE_DIM, STATE_DIM>,
+    covariance: &NewestCovariance,
     to: &State,
     gyro_scale: &Vector3<f64>,
 ) -> (SMatrix<f64, STATE_DIM, STATE_DIM>, SVector<f64, STATE_DIM>) {
@@ -135,9 +137,11 @@ pub(crate) fn with_uncertain_start(
     by_earlier
         .fixed_view_mut::<3, 3>(6, ROTATION)
         .copy_from(&(-down * (0.5 * t * t)));
-    let mut spread = by_earlier * covariance * by_earlier.transpose();
+    let mut spread = by_earlier * covariance.state() * by_earlier.transpose();
+    let by_scale = by_gyro_scale(motion, &r);
     let mut own = spread.fixed_view_mut::<9, 9>(0, 0);
-    own += motion.preintegrated.covariance;
+    own +=
+        motion.preintegrated.covariance + by_scale * covariance.gyro_scale * by_scale.transpose();
     for k in 0..3 {
         spread[(9 + k, 9 + k)] += motion.bias_walk[0].powi(2) * t;
         spread[(12 + k, 12 + k)] += motion.bias_walk[1].powi(2) * t;

@@ -2,6 +2,7 @@
 
 use nalgebra::{Const, Dyn, OMatrix, SMatrix, SVector, Vector3};
 
+use crate::backend::covariance::NewestCovariance;
 use crate::backend::motion_factor;
 use crate::backend::observation::{BearingObservation, CameraPose};
 use crate::backend::solver::{ByPose, Residual, residuals};
@@ -166,11 +167,11 @@ pub(crate) fn pose_by_stereo(
 
 /// Optimizes the newest state with everything else fixed, and returns its information. The loss is
 /// Tukey's with a scale that decreases with the iterations. `start_covariance` is the covariance of
-/// the previous state, whose velocity, biases and tilt are uncertain. Only observations of the
-/// cameras that `uses_camera` accepts are used.
+/// the previous state, whose velocity, biases and tilt are uncertain, as is the scale of the
+/// gyroscope. Only observations of the cameras that `uses_camera` accepts are used.
 pub(crate) fn refine_newest(
     window: &mut Window,
-    start_covariance: &SMatrix<f64, STATE_DIM, STATE_DIM>,
+    start_covariance: &NewestCovariance,
     rounds: usize,
     uses_camera: impl Fn(usize) -> bool,
 ) -> Option<NewestInformation> {
@@ -178,7 +179,7 @@ pub(crate) fn refine_newest(
     let config = window.config;
     let sigma = config.observation_sigma_px;
     let observations = newest_observations(window, uses_camera);
-    // Without an IMU the guess may have a large error.
+    // Without measured specific force the guess may have a large error.
     let preintegrated = window.frames[last]
         .motion
         .as_ref()

@@ -23,7 +23,7 @@ pub(crate) struct Camera {
     pub(crate) right: Lens,
     pub(crate) body_from_left: (Matrix3<f64>, Vector3<f64>),
     /// Map to the right eye with the estimated error of the calibration, see
-    /// [`StereoGeometry::right_from_left`]; without the decentring, see [`Self::in_right`].
+    /// [`StereoGeometry::right_from_left`].
     pub(crate) right_from_left: (Matrix3<f64>, Vector3<f64>),
     pub(crate) stereo: StereoGeometry,
     pub(crate) line_s: f64,
@@ -71,9 +71,15 @@ impl Camera {
         let first = ray.cross(&reference).normalize();
         let basis = Matrix2x3::from_rows(&[first.transpose(), ray.cross(&first).transpose()]);
         let jacobian = projected.by_point * basis.transpose();
+        // Motion of the ray with the pixel.
+        let by_pixel = basis.transpose() * jacobian.try_inverse()?;
+        let model = lens.model();
+        let from_center = [0, 1].map(|k| f64::from(pixel[k]) - [model.cx, model.cy][k]);
         Some(BearingMeasurement {
             ray,
             basis: basis * jacobian.determinant().abs().sqrt(),
+            by_focal: by_pixel * Vector2::from(from_center),
+            by_principal_point: by_pixel * Vector2::new(model.fx, 0.0),
         })
     }
 
@@ -83,11 +89,18 @@ impl Camera {
         (f64::from(y) - 0.5 * (rows - 1.0)) * self.line_s
     }
 
-    /// A point in the left frame, scaled by its inverse range, as the nominal lens of the right eye
-    /// sees it.
+    /// A point in the left frame, scaled by its inverse range, in the frame of the right eye, with
+    /// the decentring. Of its bearings there, see [`StereoGeometry::seen_by_lens`].
     pub(crate) fn in_right(&self, x: &Vector3<f64>, rho: f64) -> Vector3<f64> {
         let (rotation, origin) = &self.right_from_left;
         self.stereo.decentre(rotation * x + origin * rho)
+    }
+
+    /// Pixel in the right image of a point in the left frame, scaled by its inverse range.
+    pub(crate) fn project_right(&self, x: &Vector3<f64>, rho: f64) -> Option<[f32; 2]> {
+        let nominal = self.right.project(self.in_right(x, rho).into())?;
+        let pixel = self.stereo.move_pixel(self.right.model(), nominal);
+        Some(pixel.map(|v| v as f32))
     }
 
     /// Triangulates: inverse range along the left ray, and the remaining epipolar error in the
@@ -97,6 +110,7 @@ impl Camera {
         left: &BearingMeasurement,
         right: &BearingMeasurement,
     ) -> (f64, f64) {
+        let right = self.stereo.seen_by_lens(right);
         let (rotation, origin) = &self.right_from_left;
         let ray = rotation * left.ray;
         // Perpendicular to the right ray: basis (ray + rho origin) = 0.
@@ -117,9 +131,10 @@ impl Camera {
             return SMatrix::zeros();
         };
         let origin = &self.right_from_left.1;
+        let right = self.stereo.seen_by_lens(right);
         let x = self.in_right(&observation.left.ray, rho);
         let along = right.basis * origin;
-        let by_error = right.basis * self.stereo.jacobian(&x, origin, rho);
+        let by_error = right.basis * self.stereo.jacobian(&right, &x, origin, rho);
         -along.transpose() * by_error / along.norm_squared()
     }
 
@@ -132,10 +147,11 @@ impl Camera {
         rho: f64,
     ) -> f64 {
         let origin = &self.right_from_left.1;
+        let right = self.stereo.seen_by_lens(right);
         let x = self.in_right(&left.ray, rho);
         let along = right.basis * origin;
         let across = Vector2::new(-along.y, along.x).normalize();
-        let by_error = right.basis * self.stereo.jacobian(&x, origin, rho) / x.norm();
+        let by_error = right.basis * self.stereo.jacobian(&right, &x, origin, rho) / x.norm();
         let by_error = by_error.transpose() * across;
         by_error
             .dot(&(self.stereo.covariance * by_error))
@@ -150,6 +166,11 @@ impl Camera {
 pub(crate) struct BearingMeasurement {
     pub(crate) ray: Vector3<f64>,
     pub(crate) basis: Matrix2x3<f64>,
+    /// Motion of the ray for a relative change of the distance from the principal point, with the
+    /// distortion of the lens; perpendicular to the ray.
+    pub(crate) by_focal: Vector3<f64>,
+    /// The same for a motion along x by a focal length.
+    pub(crate) by_principal_point: Vector3<f64>,
 }
 
 /// Cosine of the angle to the measured ray below which a residual is saturated: its direction has

@@ -191,13 +191,14 @@ pub(super) fn residuals(
     let right = observation.right.as_ref().map(|right| {
         let (rotation, origin) = &camera.right_from_left;
         let point = camera.in_right(x, rho);
+        let right = camera.stereo.seen_by_lens(right);
         // The decentring changes Jacobians by less than a hundredth.
         let Some((residual, by)) = right.residual(&point) else {
-            return saturated(right);
+            return saturated(&right);
         };
         let by_left = by * rotation;
         Residual {
-            by_stereo: by * camera.stereo.jacobian(&point, origin, rho),
+            by_stereo: by * camera.stereo.jacobian(&right, &point, origin, rho),
             ..weigh(residual, by_left, by_left * by_rho + by * origin)
         }
     });
@@ -648,10 +649,14 @@ pub(crate) fn for_each_residual(
         }
         if let Some(right) = &observation.right {
             let x = camera.in_right(&x, landmark.rho);
+            let right = camera.stereo.seen_by_lens(right);
             found(k, 1, right.squared_residual(&x) * scale);
         }
     }
 }
+
+/// Damping up to which a linear system gives the covariance.
+const MAX_COVARIANCE_DAMPING: f64 = 1e-4;
 
 /// Result of an optimization.
 #[derive(Clone, Copy, Debug)]
@@ -699,7 +704,7 @@ pub(crate) fn optimize_window(
         else {
             break;
         };
-        latest = Some((linear.information, linear.gyro_scale));
+        latest = Some((linear.information, linear.gyro_scale, damping));
         let mut moved = window.clone();
         moved.prior.gyro_scale.error += scale_step;
         apply(&mut moved, &step, &linear.landmark_blocks);
@@ -720,8 +725,17 @@ pub(crate) fn optimize_window(
             damping = (damping * 30.0).max(1e-3);
         }
     }
-    // Damping would add information: it is omitted here, except for what rounding requires.
-    let covariance = latest.and_then(|(mut information, gyro_scale): (DMatrix<f64>, Border)| {
+    let covariance = latest.and_then(|(information, gyro_scale, damping)| {
+        // Damping adds information to landmarks, and so to what they contribute.
+        let (mut information, gyro_scale): (DMatrix<f64>, Border) =
+            if damping > MAX_COVARIANCE_DAMPING {
+                let landmarks: Vec<&Landmark> = window.landmarks.values().collect();
+                let linear = linearize(window, &landmarks, |_| true, 0.0);
+                (linear.information, linear.gyro_scale)
+            } else {
+                (information, gyro_scale)
+            };
+        // What rounding requires.
         for k in 0..information.nrows() {
             information[(k, k)] *= 1.0 + 1e-12;
         }
@@ -733,7 +747,10 @@ pub(crate) fn optimize_window(
         let by_scale = bordered.by_scale.rows(rows - corner, corner);
         let joint = inverse_corner(&cholesky, corner)
             + by_scale * bordered.covariance * by_scale.transpose();
-        Some(NewestCovariance { joint })
+        Some(NewestCovariance {
+            joint,
+            gyro_scale: bordered.covariance,
+        })
     });
     (solved, covariance)
 }

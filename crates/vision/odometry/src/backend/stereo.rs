@@ -16,10 +16,11 @@
 
 use nalgebra::{DMatrix, Matrix3, Matrix6, SMatrix, SVector, Vector3};
 
-use crate::backend::observation::Camera;
+use crate::backend::observation::{BearingMeasurement, Camera};
 use crate::config::{BackendConfig, StereoCalibrationConfig};
 use crate::rig::StereoCamera;
 use cad_transforms::so3;
+use camera_models::CameraModel;
 
 /// Dimension of the error.
 pub(crate) const STEREO_DIM: usize = 7;
@@ -56,34 +57,45 @@ impl StereoGeometry {
         }
     }
 
-    /// Linear map from a point in the left frame, scaled by its inverse range, and that inverse
-    /// range to the point as the nominal lens of the right eye sees it: `rotation x + origin rho`.
-    /// With an error of the focal length the first part is no rotation; its scale has no effect on
-    /// bearings. The decentring is not linear, see [`Self::decentre`].
+    /// Map from a point in the left frame, scaled by its inverse range, and that inverse range to
+    /// the point in the frame of the right eye: `rotation x + origin rho`. Errors of the lens are
+    /// not in it, see [`Self::decentre`] and [`Self::seen_by_lens`].
     pub(crate) fn right_from_left(&self) -> (Matrix3<f64>, Vector3<f64>) {
         let turn = so3::exp(self.error.fixed_rows::<3>(0).into_owned());
-        let map = self.lens() * turn.to_rotation_matrix().into_inner();
+        let turn = turn.to_rotation_matrix().into_inner();
         let (rotation, translation) = &self.nominal;
         (
-            map * rotation,
-            map * translation * self.error[BASELINE].exp(),
+            turn * rotation,
+            turn * translation * self.error[BASELINE].exp(),
         )
     }
 
-    /// Error of the lens as a map of points.
-    fn lens(&self) -> Matrix3<f64> {
+    /// A bearing of the right eye for points in the frame of its true lens: the nominal lens sees a
+    /// point near the ray moved by the errors of focal length and principal point. They act on the
+    /// image, after the distortion.
+    pub(crate) fn seen_by_lens(&self, bearing: &BearingMeasurement) -> BearingMeasurement {
+        let [focal, principal_point] = self.lens_motion();
+        let motion = bearing.by_focal * focal + bearing.by_principal_point * principal_point;
+        BearingMeasurement {
+            basis: bearing.basis + bearing.basis * motion * bearing.ray.transpose(),
+            ..*bearing
+        }
+    }
+
+    /// Factors of [`BearingMeasurement::by_focal`] and `by_principal_point`, which are for a
+    /// measured pixel and not for the one without an error.
+    fn lens_motion(&self) -> [f64; 2] {
+        let inverse = (-self.error[FOCAL]).exp();
+        [1.0 - inverse, inverse * self.error[PRINCIPAL_POINT]]
+    }
+
+    /// Pixel of the true right lens where the nominal one would see this pixel.
+    pub(crate) fn move_pixel(&self, lens: &CameraModel, pixel: [f64; 2]) -> [f64; 2] {
         let focal = self.error[FOCAL].exp();
-        Matrix3::new(
-            focal,
-            0.0,
-            self.error[PRINCIPAL_POINT],
-            0.0,
-            focal,
-            0.0,
-            0.0,
-            0.0,
-            1.0,
-        )
+        [
+            lens.cx + focal * (pixel[0] - lens.cx) + self.error[PRINCIPAL_POINT] * lens.fx,
+            lens.cy + focal * (pixel[1] - lens.cy),
+        ]
     }
 
     /// Applies the decentring to a point in the frame of the right eye.
@@ -92,27 +104,23 @@ impl StereoGeometry {
         Vector3::new(point.x, point.y + across, point.z)
     }
 
-    /// Jacobian of a point by the error. The point is as the nominal lens sees it, scaled by its
-    /// inverse range `rho`; `origin` is that of [`Self::right_from_left`].
+    /// Jacobian by the error of a point as the nominal lens sees it. The point is in the frame of
+    /// the right eye, scaled by its inverse range `rho`, and near the ray of `bearing`; `origin` is
+    /// that of [`Self::right_from_left`].
     pub(crate) fn jacobian(
         &self,
+        bearing: &BearingMeasurement,
         point: &Vector3<f64>,
         origin: &Vector3<f64>,
         rho: f64,
     ) -> SMatrix<f64, 3, STEREO_DIM> {
-        let focal = self.error[FOCAL].exp();
-        let scaled = Vector3::new(
-            point.x - self.error[PRINCIPAL_POINT] * point.z,
-            point.y,
-            0.0,
-        );
-        let before_lens = Vector3::new(scaled.x / focal, scaled.y / focal, point.z);
+        let along = bearing.ray.dot(point) * (-self.error[FOCAL]).exp();
         let mut by = SMatrix::<f64, 3, STEREO_DIM>::zeros();
         by.fixed_columns_mut::<3>(0)
-            .copy_from(&(-self.lens() * before_lens.cross_matrix()));
+            .copy_from(&-point.cross_matrix());
         by.set_column(BASELINE, &(origin * rho));
-        by.set_column(FOCAL, &scaled);
-        by.set_column(PRINCIPAL_POINT, &Vector3::new(point.z, 0.0, 0.0));
+        by.set_column(FOCAL, &(bearing.by_focal * along));
+        by.set_column(PRINCIPAL_POINT, &(bearing.by_principal_point * along));
         let decentring = decentring_per_unit(point);
         by.set_column(DECENTRING, &Vector3::new(0.0, decentring, 0.0));
         by
@@ -222,37 +230,92 @@ pub(crate) fn apply_error(camera: &mut Camera, step: &StereoVector) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use camera_models::{Distortion, Eye, Lens};
+    use nalgebra::Vector2;
+
+    /// A stereo camera whose lenses distort as wide-angle ones do.
+    fn distorted() -> StereoCamera {
+        let mut camera = crate::test_rig::stereo(0.1);
+        let distortion = Distortion::RadTan4 {
+            k1: -0.17,
+            k2: 0.03,
+            p1: 1e-3,
+            p2: -5e-4,
+        };
+        camera.left.distortion = distortion;
+        camera.right.distortion = distortion;
+        camera
+    }
+
+    /// The residual of a right pixel, px, for a point of the left frame.
+    fn residual(camera: &Camera, pixel: [f32; 2], x: &Vector3<f64>, rho: f64) -> Vector2<f64> {
+        let right = camera.bearing(Eye::Right, pixel).expect("inside the image");
+        let right = camera.stereo.seen_by_lens(&right);
+        let (residual, _) = right.residual(&camera.in_right(x, rho)).expect("in front");
+        residual
+    }
 
     #[test]
     fn jacobian_equals_finite_differences() {
-        let rotation = so3::exp(Vector3::new(0.02, -0.01, 0.03));
-        let mut geometry = StereoGeometry::new((
-            rotation.to_rotation_matrix().into_inner(),
-            Vector3::new(-0.06, 0.001, 0.002),
-        ));
-        geometry.error = [1e-3, -2e-3, 1e-3, 0.01, -0.004, 0.003, 0.002].into();
+        let mut camera = Camera::new(&distorted(), &cad_transforms::RigidTransform::identity());
+        let error = StereoVector::from([1e-3, -2e-3, 1e-3, 0.01, -0.004, 0.003, 0.002]);
+        apply_error(&mut camera, &error);
         let (x, rho) = (Vector3::new(0.3, -0.2, 0.9), 0.7);
-        let point = |geometry: &StereoGeometry| {
-            let (map, origin) = geometry.right_from_left();
-            geometry.decentre(map * x + origin * rho)
-        };
-        let origin = geometry.right_from_left().1;
-        let by = geometry.jacobian(&point(&geometry), &origin, rho);
+        let pixel = camera.project_right(&x, rho).expect("inside the image");
+        let right = camera.bearing(Eye::Right, pixel).expect("inside the image");
+        let right = camera.stereo.seen_by_lens(&right);
+        let point = camera.in_right(&x, rho);
+        let (_, by_point) = right.residual(&point).expect("in front");
+        let origin = camera.right_from_left.1;
+        let by = by_point * camera.stereo.jacobian(&right, &point, &origin, rho);
         for k in 0..STEREO_DIM {
             let h = 1e-6;
             let side = |h: f64| {
-                let mut moved = geometry;
-                moved.error[k] += h;
-                point(&moved)
+                let mut moved = camera.clone();
+                let mut step = StereoVector::zeros();
+                step[k] = h;
+                apply_error(&mut moved, &step);
+                residual(&moved, pixel, &x, rho)
             };
             let expected = (side(h) - side(-h)) / (2.0 * h);
-            // The Jacobian of the rotation is that of a small error, and the decentring moves the
-            // point little.
+            // The Jacobian of the rotation is that of a small error, decentring and lens change the
+            // derivative by the point little.
             assert!(
-                (by.column(k) - expected).amax() < 4e-3,
+                (by.column(k) - expected).amax() < 0.02 * expected.amax(),
                 "{k}: {} {expected}",
                 by.column(k)
             );
+        }
+    }
+
+    /// Where the true lens, with its distortion, sees a point, its residual is zero, and the error
+    /// of the focal length is that of the image: before the distortion it would be a fifth larger.
+    #[test]
+    fn lens_errors_act_after_the_distortion() {
+        let nominal = distorted();
+        for error in [0.01, -0.01] {
+            let mut camera = Camera::new(&nominal, &cad_transforms::RigidTransform::identity());
+            let lens = [0.0, 0.0, 0.0, 0.0, error, 0.004, 0.0];
+            apply_error(&mut camera, &StereoVector::from(lens));
+            let mut right = nominal.right;
+            (right.fx, right.fy) = (right.fx * error.exp(), right.fy * error.exp());
+            right.cx += 0.004 * nominal.right.fx;
+            for x in [[0.5, 0.2, 0.8], [-0.6, -0.3, 0.7], [0.1, 0.4, 0.9]] {
+                let x = Vector3::from(x);
+                let (rotation, origin) = &camera.right_from_left;
+                let point = rotation * x + origin * 0.5;
+                let pixel = Lens::new(&right).project(point.into()).expect("inside");
+                let projected = camera.project_right(&x, 0.5).expect("inside");
+                let off = residual(&camera, projected, &x, 0.5);
+                for k in 0..2 {
+                    assert!(
+                        (pixel[k] - f64::from(projected[k])).abs() < 1e-3,
+                        "{pixel:?}"
+                    );
+                }
+                // An error of 1 % is 3 px here.
+                assert!(off.norm() < 0.05, "{error} at {x}: {off}");
+            }
         }
     }
 

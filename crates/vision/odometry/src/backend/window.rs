@@ -6,7 +6,7 @@
 
 use std::collections::BTreeMap;
 
-use nalgebra::{DMatrix, DVector};
+use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
 
 use crate::backend::covariance::NewestCovariance;
 use crate::backend::extrinsics::ExtrinsicsPrior;
@@ -100,9 +100,14 @@ impl Prior {
         self
     }
 
-    /// The prior with scale errors of the gyroscope as estimated parameters.
-    pub(crate) fn with_gyro_scale(mut self, sigma_inflation: f64) -> Self {
-        self.gyro_scale = GyroScale::estimated(self.gradient.len(), sigma_inflation);
+    /// The prior with scale errors of the gyroscope as estimated parameters, with this information
+    /// at these errors.
+    pub(crate) fn with_gyro_scale(
+        mut self,
+        error: Vector3<f64>,
+        information: Matrix3<f64>,
+    ) -> Self {
+        self.gyro_scale = GyroScale::estimated(self.gradient.len(), error, information);
         self
     }
 
@@ -110,8 +115,10 @@ impl Prior {
     pub(crate) fn covariance(&self) -> NewestCovariance {
         let size = self.information.nrows();
         let inverse = self.information.clone().try_inverse();
+        let gyro_scale = self.gyro_scale.border.information.try_inverse();
         NewestCovariance {
             joint: inverse.unwrap_or_else(|| DMatrix::identity(size, size)),
+            gyro_scale: gyro_scale.unwrap_or_else(Matrix3::zeros),
         }
     }
 }

@@ -8,10 +8,11 @@
 //! these agree with each other, its images are not used for the pose. If there is no majority, the
 //! deviation is part of the uncertainty of the pose.
 
-use nalgebra::{Matrix3, SMatrix, Vector3};
+use nalgebra::{Matrix3, Vector3};
 
+use crate::backend::covariance::NewestCovariance;
 use crate::backend::newest_pose::{NewestInformation, refine_newest};
-use crate::backend::state::{STATE_DIM, State};
+use crate::backend::state::State;
 use crate::backend::window::Window;
 use crate::config::EstimatorConfig;
 
@@ -61,7 +62,7 @@ pub(super) fn compare_cameras(
     config: &EstimatorConfig,
     window: &mut Window,
     guess: &State,
-    start_covariance: &SMatrix<f64, STATE_DIM, STATE_DIM>,
+    start_covariance: &NewestCovariance,
 ) -> Agreement {
     let last = window.frames.len() - 1;
     // With an IMU, objects that move are outliers from the start.
@@ -75,8 +76,15 @@ pub(super) fn compare_cameras(
         window.frames[last].state = *guess;
         refine_newest(window, start_covariance, rounds, uses_camera)
     };
+    let number = window.frames[last].number;
+    let observed = |camera: usize| {
+        let newest = (window.landmarks.values()).flat_map(|l| &l.observations[l.since(number)..]);
+        newest.filter(|(_, o)| o.camera == camera).count()
+    };
+    // A camera that sees nothing would vote for the guess.
+    let voters = (0..window.cameras.len()).filter(|k| observed(*k) >= config.min_inliers);
     let mut own = Vec::new();
-    for camera in 0..window.cameras.len() {
+    for camera in voters.collect::<Vec<_>>() {
         if let Some(information) = refine_with(window, &|k| k == camera) {
             own.push(OwnPose {
                 camera,
@@ -117,7 +125,10 @@ impl OwnPose {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::backend::solver::tests::{add_constant_velocity, camera, window_of};
+    use crate::backend::observation::BearingObservation;
+    use crate::backend::solver::tests::{
+        add_constant_velocity, camera, start_covariance, window_of,
+    };
 
     /// A window in which the features of some cameras move with the body, as the wearer's legs do.
     fn window_with_legs(cameras: usize, legs: usize) -> Window {
@@ -143,7 +154,7 @@ mod tests {
     fn compared(window: &mut Window) -> Agreement {
         let guess = window.newest().state;
         let config = EstimatorConfig::default();
-        compare_cameras(&config, window, &guess, &SMatrix::identity())
+        compare_cameras(&config, window, &guess, &start_covariance())
     }
 
     #[test]
@@ -161,10 +172,29 @@ mod tests {
         window.frames[last].state = window.frames[last - 1].state;
         let guess = window.frames[last].state;
         let config = EstimatorConfig::default();
-        let agreement = compare_cameras(&config, &mut window, &guess, &SMatrix::identity());
+        let agreement = compare_cameras(&config, &mut window, &guess, &start_covariance());
         assert!(matches!(agreement, Agreement::Majority(Some(_))));
         let error = (window.newest().state.position - truth.position).norm();
         assert!(error < 1e-3, "{error}");
+    }
+
+    #[test]
+    fn cameras_that_see_nothing_do_not_vote() {
+        let mut window = window_with_legs(3, 0);
+        let number = window.newest().number;
+        for landmark in window.landmarks.values_mut() {
+            let is_seen = |(n, o): &(u64, BearingObservation)| *n != number || o.camera == 0;
+            landmark.observations.retain(is_seen);
+        }
+        // With the predicted motion as their estimates, both would contradict the camera that sees.
+        let last = window.frames.len() - 1;
+        window.frames[last - 1].state.velocity.x += 20.0;
+        let guess = window.frames[last].state;
+        let mut start_covariance = start_covariance();
+        start_covariance.joint *= 1e-6;
+        let config = EstimatorConfig::default();
+        let agreement = compare_cameras(&config, &mut window, &guess, &start_covariance);
+        assert!(matches!(agreement, Agreement::All));
     }
 
     #[test]

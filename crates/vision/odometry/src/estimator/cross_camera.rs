@@ -40,6 +40,7 @@ impl Odometry {
             .collect();
         let frontend = &self.config.frontend;
         let config = &frontend.cross_camera;
+        let ratio = self.cross_camera_ratio(state.time_ns);
         let count = self.cameras.len();
         let pairs = (0..count).flat_map(|to| (0..count).map(move |from| (from, to)));
         for (from, to) in pairs.filter(|(from, to)| from != to) {
@@ -88,19 +89,19 @@ impl Odometry {
                 if let Some(landmark) = window.landmarks.get_mut(&track.id)
                     && self.trackers[to].insert(track)
                 {
-                    landmark.observe(self.number, observation, self.cross_camera_ratio());
+                    landmark.observe(self.number, observation, ratio);
                 }
             }
         }
     }
 
-    /// Factor on the sigma of observations across cameras. Without an IMU the rotation depends on
-    /// them, and they are not widened.
-    pub(super) fn cross_camera_ratio(&self) -> f64 {
-        if self.imus.is_some() {
-            self.config.frontend.cross_camera.sigma_ratio
-        } else {
+    /// Factor on the sigma of observations across cameras. Without samples of an IMU the rotation
+    /// depends on them, and they are not widened.
+    pub(super) fn cross_camera_ratio(&self, time_ns: i64) -> f64 {
+        if self.is_imu_silent(time_ns) {
             1.0
+        } else {
+            self.config.frontend.cross_camera.sigma_ratio
         }
     }
 

@@ -160,7 +160,7 @@ impl Odometry {
         view += pinned;
         let prior = prior
             .with_stereo(&self.cameras, &self.stereo_information)
-            .with_gyro_scale(self.config.backend.covariance.sigma_inflation);
+            .with_gyro_scale(self.gyro_scale.0, self.gyro_scale.1);
         Window {
             cameras: self.cameras.clone(),
             extrinsics: Vec::new(),

@@ -20,8 +20,7 @@ impl Odometry {
         let config = &self.config.estimator;
         let last = window.frames.len() - 1;
         let guess = window.frames[last].clone();
-        let information =
-            refine_newest(window, &self.keyframe_covariance.state(), rounds, |_| true);
+        let information = refine_newest(window, &self.keyframe_covariance, rounds, |_| true);
         let (inliers, all) = count_inliers(window);
         let has_gravity = guess.motion.as_ref().is_some_and(|m| m.has_gravity);
         if !has_gravity
@@ -45,8 +44,7 @@ impl Odometry {
             }),
             ..guess
         };
-        let without_imu =
-            refine_newest(window, &self.keyframe_covariance.state(), rounds, |_| true);
+        let without_imu = refine_newest(window, &self.keyframe_covariance, rounds, |_| true);
         let (now, _) = count_inliers(window);
         if (now as f64) >= config.vision_only_inlier_ratio * all as f64 && now > 2 * inliers {
             return without_imu;
@@ -78,8 +76,8 @@ impl Odometry {
         without_imu - outliers.len()
     }
 
-    /// Discards all observations of the newest frame. Returns false if there is no IMU motion
-    /// either, so that later frames are not connected to earlier ones.
+    /// Discards all observations of the newest frame. Returns false if its motion factor has no
+    /// measured specific force either, so that later frames are not connected to earlier ones.
     pub(super) fn discard_newest(&mut self, window: &mut Window, guess: State) -> bool {
         let number = self.number;
         let last = window.frames.len() - 1;

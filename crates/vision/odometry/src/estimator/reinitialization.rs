@@ -118,13 +118,28 @@ impl Odometry {
     }
 
     /// Whether there are no recent IMU samples.
-    fn is_imu_silent(&self, time_ns: i64) -> bool {
+    pub(super) fn is_imu_silent(&self, time_ns: i64) -> bool {
         let last = self
             .imus
             .as_ref()
             .and_then(|imus| imus.current().samples.last_ns());
         let timeout_ns = self.config.estimator.reinitialization.imu_timeout_ns;
         last.is_none_or(|last| time_ns - last > timeout_ns)
+    }
+
+    /// Adds to the uncertainty that the window does not contain, which becomes one at this state.
+    pub(super) fn add_unmodeled(&mut self, at: &State, covariance: Matrix6<f64>) {
+        let sum = self.with_unmodeled(at, covariance);
+        self.unmodeled = vec![ResetUncertainty::new(*at, sum)];
+    }
+
+    /// Adds the uncertainty of resets to the covariance of a pose in the window.
+    pub(super) fn with_unmodeled(&self, state: &State, covariance: Matrix6<f64>) -> Matrix6<f64> {
+        let each = self
+            .unmodeled
+            .iter()
+            .map(|uncertainty| uncertainty.at(state));
+        each.fold(covariance, |sum, more| sum + more)
     }
 
     /// Starts a new window at the newest frame as soon as there are enough landmarks and IMU
@@ -154,10 +169,12 @@ impl Odometry {
         let (state, mut sigmas, uncertainty) =
             reinitialize(config, &guess, &covariance, &readings, self.imus.is_some());
         if self.imus.as_ref().is_some_and(|imus| imus.uses().len() > 1) {
-            // The biases of an IMU that took over may not have been estimated before.
+            // Those of an IMU that took over may not have been estimated before.
             let [gyro, accel] = config.initialization.bias_sigma;
             sigmas[GYRO_BIAS..ACCEL_BIAS].fill(gyro);
             sigmas[ACCEL_BIAS..].fill(accel);
+        } else if let Some(information) = self.keyframe_covariance.gyro_scale.try_inverse() {
+            self.gyro_scale = (window.prior.gyro_scale.error, information);
         }
         for frame in &window.frames[..window.frames.len() - 1] {
             self.ready.extend(finish_keyframe(&mut self.pending, frame));

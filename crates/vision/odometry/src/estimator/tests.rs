@@ -6,6 +6,7 @@ use imaging::ImageView;
 use super::*;
 use crate::config::Preset;
 use crate::input::View;
+use crate::rig::StereoCamera;
 use crate::test_rig::{self, SIZE_PX};
 
 /// Disparity of the wall, px.
@@ -141,8 +142,55 @@ fn uncertainty_of_a_loss_without_imu_remains() {
 #[test]
 fn observations_across_cameras_are_widened_with_an_imu_only() {
     let config = Config::preset(Preset::Balanced);
-    let ratio = |has_imu| Odometry::new(&rig(has_imu), config).cross_camera_ratio();
-    assert_eq!(ratio(true), config.frontend.cross_camera.sigma_ratio);
-    assert!(ratio(true) > 1.0);
-    assert_eq!(ratio(false), 1.0);
+    let mut odometry = Odometry::new(&rig(true), config);
+    // An IMU without samples is none.
+    assert_eq!(odometry.cross_camera_ratio(0), 1.0);
+    let sample = ImuSample {
+        time_ns: 0,
+        gyro: [0.0; 3],
+        accel: [0.0; 3],
+    };
+    odometry.add_imu(0, &sample);
+    let ratio = odometry.cross_camera_ratio(10_000_000);
+    assert_eq!(ratio, config.frontend.cross_camera.sigma_ratio);
+    assert!(ratio > 1.0);
+    let silent = config.estimator.reinitialization.imu_timeout_ns + 1;
+    assert_eq!(odometry.cross_camera_ratio(silent), 1.0);
+    let without = Odometry::new(&rig(false), config);
+    assert_eq!(without.cross_camera_ratio(0), 1.0);
+}
+
+/// Inliers are required of the cameras that gave images.
+#[test]
+fn absent_camera_does_not_widen_sigmas() {
+    let mut pair = rig(false);
+    pair.cameras.push(StereoCamera {
+        name: "absent".to_owned(),
+        ..test_rig::stereo(0.08)
+    });
+    let sigma = |rig: &Rig| {
+        let mut config = Config::preset(Preset::Balanced);
+        // Enough inliers for one camera, too few for two.
+        config.frontend.max_features = config.estimator.independent_inliers + 8;
+        let mut odometry = Odometry::new(rig, config);
+        let mut last = None;
+        for k in 0..20 {
+            let [left, right] = [0, DISPARITY].map(|shift| image(shift, 2 * k + shift as u64));
+            let time_ns = k as i64 * 66_666_667;
+            let mut views = vec![None; rig.cameras.len()];
+            views[0] = Some(View {
+                time_ns,
+                left: view(&left),
+                right: view(&right),
+                mask: None,
+            });
+            last = Some(odometry.add_frames(&FrameSet { time_ns, views }));
+        }
+        last.expect("estimates").relative_covariance[(0, 0)].sqrt()
+    };
+    let [alone, with_absent] = [rig(false), pair].map(|rig| sigma(&rig));
+    assert!(
+        (0.8..1.2).contains(&(with_absent / alone)),
+        "{alone} m, {with_absent} m"
+    );
 }

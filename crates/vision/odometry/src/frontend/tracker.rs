@@ -3,8 +3,7 @@
 //! Contract: [`Tracker::track`] takes the next frame; a feature that is not found reliably is lost,
 //! and its id is never used again. [`Tracker::detect_new`] detects features where there are none. A
 //! stereo match satisfies the epipolar constraint of the calibration, as far as that is known; a
-//! feature without a stereo
-//! match is still tracked.
+//! feature without a stereo match is still tracked.
 
 use camera_models::Eye as Side;
 use nalgebra::{Matrix3, Vector3};
@@ -207,7 +206,7 @@ impl Tracker {
             fits.then_some((found, bearing, rho))
         };
         let tried = expected
-            .and_then(|rho| project_right(camera, &track.left.ray, rho))
+            .and_then(|rho| camera.project_right(&track.left.ray, rho))
             .and_then(|guess| from(guess, stereo.max_level));
         let found = tried.or_else(|| {
             let guess = self.search_epipolar(camera, track)?;
@@ -232,15 +231,15 @@ impl Tracker {
             at[0] / scale,
             at[1] / scale,
         )?;
-        let far = project_right(camera, ray, 0.0)?;
-        let near = project_right(camera, ray, 1.0 / config.min_distance_m)?;
+        let far = camera.project_right(ray, 0.0)?;
+        let near = camera.project_right(ray, 1.0 / config.min_distance_m)?;
         let length = (near[0] - far[0]).hypot(near[1] - far[1]) / scale;
         // One step beyond either end, so that a maximum at an end is recognized.
         let steps = length.ceil() as i32;
         let mut scores = Vec::with_capacity(steps as usize + 3);
         for k in -1..=steps + 1 {
             let rho = f64::from(k) / f64::from(steps.max(1)) / config.min_distance_m;
-            let score = project_right(camera, ray, rho).and_then(|[x, y]| {
+            let score = camera.project_right(ray, rho).and_then(|[x, y]| {
                 let there = normalized_patch::<PATCH_SIDE>(
                     klt,
                     &self.right.levels[level],
@@ -268,7 +267,7 @@ impl Tracker {
         if top.0 < other + config.min_ncc_margin as f32 {
             return None;
         }
-        project_right(camera, ray, top.1)
+        camera.project_right(ray, top.1)
     }
 
     /// Pyramid of the left image.
@@ -368,15 +367,6 @@ impl Track {
             exposure_offset_s: exposure_offset_s + camera.row_after_s(Side::Left, self.at[1]),
         }
     }
-}
-
-/// Pixel in the right image of a left ray at an inverse range.
-fn project_right(camera: &Camera, ray: &Vector3<f64>, rho: f64) -> Option<[f32; 2]> {
-    let x = camera.in_right(ray, rho);
-    camera
-        .right
-        .project(x.into())
-        .map(|pixel| pixel.map(|v| v as f32))
 }
 
 /// Pixel and inverse range of a point after the motion `now_from_then` of the left camera.

@@ -303,7 +303,7 @@ pub(super) fn optimize(
         };
         let states: Vec<_> = window.frames.iter().map(|f| f.state).collect();
         let rhos: Vec<f64> = window.landmarks.values().map(|l| l.rho).collect();
-        let cameras = (!window.extrinsics.is_empty()).then(|| window.cameras.clone());
+        let cameras = window.cameras.clone();
         window.prior.gyro_scale.error += scale_step;
         apply(window, &step, linear.landmark_blocks.iter().flatten());
         let after = cost(window, loops);
@@ -319,9 +319,7 @@ pub(super) fn optimize(
             for (landmark, rho) in window.landmarks.values_mut().zip(rhos) {
                 landmark.rho = rho;
             }
-            if let Some(cameras) = cameras {
-                window.cameras = cameras;
-            }
+            window.cameras = cameras;
             window.prior.gyro_scale.error -= scale_step;
             // Small initial damping: the ends of a long path are weakly constrained, and damping
             // would fix them.
@@ -413,12 +411,7 @@ pub(super) fn covariances(max_count: usize, window: &Window, loops: &[Closure]) 
     };
     let solve = |right: &DMatrix<f64>| solve(&factor, right);
     let bordered = (linear.gyro_scale).solve(&DVector::zeros(size), solve);
-    let by_gyro_scale = |block: usize| {
-        bordered.as_ref().map_or(Matrix6::zeros(), |bordered| {
-            let by = (bordered.by_scale).fixed_rows::<POSE_DIM>(window.row_of(block));
-            by * bordered.covariance * by.transpose()
-        })
-    };
+    let bordered = bordered.as_ref();
     let of = |block| covariance_of::<POSE_DIM>(&factor, size, window.row_of(block));
     let step = count.div_ceil(max_count).max(1);
     let mut entries: Vec<usize> = (0..count).step_by(step).collect();
@@ -440,18 +433,32 @@ pub(super) fn covariances(max_count: usize, window: &Window, loops: &[Closure]) 
         out.push(found[next - 1] * (1.0 - share) + found[next] * share);
     }
     for (k, covariance) in out.iter_mut().enumerate() {
-        *covariance += by_gyro_scale(k);
+        *covariance += by_gyro_scale::<POSE_DIM>(bordered, window.row_of(k));
     }
     let stereo = window.stereo_block(0);
     Covariances {
         poses: out,
         extrinsics: (count..stereo)
-            .map(|block| of(block) + by_gyro_scale(block))
+            .map(|block| of(block) + by_gyro_scale(bordered, window.row_of(block)))
             .collect(),
         stereo: (stereo..window.blocks())
-            .map(|block| covariance_of::<STEREO_DIM>(&factor, size, window.row_of(block)))
+            .map(|block| {
+                let row = window.row_of(block);
+                covariance_of::<STEREO_DIM>(&factor, size, row) + by_gyro_scale(bordered, row)
+            })
             .collect(),
     }
+}
+
+/// Covariance of the rows from `row` on that the scale errors of the gyroscope add.
+fn by_gyro_scale<const N: usize>(
+    bordered: Option<&BorderedStep>,
+    row: usize,
+) -> SMatrix<f64, N, N> {
+    bordered.map_or(SMatrix::zeros(), |bordered| {
+        let by = bordered.by_scale.fixed_rows::<N>(row);
+        by * bordered.covariance * by.transpose()
+    })
 }
 
 /// Solves with a factored matrix.

@@ -7,6 +7,7 @@ use cad_transforms::{RigidTransform, so3};
 use camera_models::{CameraModel, Distortion, Eye as Side};
 
 use super::*;
+use crate::backend::gyro_scale::GyroScale;
 use crate::backend::marginalization::marginalize;
 use crate::backend::newest_pose::{pose_by_stereo, refine_newest};
 use crate::backend::state::{POSITION, ROTATION, State};
@@ -174,6 +175,14 @@ fn farthest(window: &Window) -> f64 {
     window.frames.iter().map(residual).fold(0.0, f64::max)
 }
 
+/// Covariance of an earlier state: 1 in all units, an exact gyroscope scale.
+pub(crate) fn start_covariance() -> NewestCovariance {
+    NewestCovariance {
+        joint: DMatrix::identity(STATE_DIM, STATE_DIM),
+        gyro_scale: nalgebra::Matrix3::zeros(),
+    }
+}
+
 #[test]
 fn window_converges_to_the_ground_truth_from_a_distant_start() {
     for line_s in [0.0, 2e-5] {
@@ -214,7 +223,7 @@ fn newest_state_alone_converges_to_the_ground_truth() {
     moved.frames[last].state = moved.frames[last].state.plus(&error);
     add_constant_velocity(&mut moved);
     assert!(farthest(&moved) > 0.02);
-    let information = refine_newest(&mut moved, &SMatrix::identity(), 8, |_| true);
+    let information = refine_newest(&mut moved, &start_covariance(), 8, |_| true);
     let information = information.expect("hundreds of observations determine the pose");
     assert!(farthest(&moved) < 1e-4, "{}", farthest(&moved));
     let sigma = |times| {
@@ -231,7 +240,7 @@ fn newest_state_alone_converges_to_the_ground_truth() {
 fn newest_pose_depends_on_the_stereo_calibration_as_its_derivative_says() {
     let mut exact = window(4, 0.0);
     add_constant_velocity(&mut exact);
-    let estimate = |window: &mut Window| refine_newest(window, &SMatrix::identity(), 8, |_| true);
+    let estimate = |window: &mut Window| refine_newest(window, &start_covariance(), 8, |_| true);
     let information = estimate(&mut exact).expect("hundreds of observations determine the pose");
     let derivative = pose_by_stereo(&exact, &information).expect("a derivative");
     // The decentring, which is last, hardly changes inverse ranges.
@@ -340,7 +349,8 @@ fn add_gyroscope(window: &mut Window, scale: &Vector3<f64>) {
         });
     }
     let inflation = window.config.covariance.sigma_inflation;
-    window.prior = window.prior.clone().with_gyro_scale(inflation);
+    let information = GyroScale::prior_information(inflation);
+    window.prior = (window.prior.clone()).with_gyro_scale(Vector3::zeros(), information);
 }
 
 #[test]
