@@ -94,8 +94,8 @@ fn formulations(scene: &Scene, seeds: u64) -> Result<Vec<(String, Sums)>> {
 
 impl Sums {
     fn add(&mut self, scene: &Scene, found: &FormulationResult, seconds: f64) {
-        let told = scene.imu_from_left.rotation().to_rotation_matrix();
-        let turn = Rotation3::from_matrix_unchecked(told.matrix().transpose() * found.rotation);
+        let truth = scene.imu_from_left.rotation().to_rotation_matrix();
+        let turn = Rotation3::from_matrix_unchecked(truth.matrix().transpose() * found.rotation);
         let shift: Vector3<f64> = found.translation - scene.imu_from_left.translation();
         let late = found.time_offset_s - scene.time_offset_s;
         let squares = [turn.angle().powi(2), shift.norm_squared(), late * late];

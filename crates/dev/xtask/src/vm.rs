@@ -78,17 +78,17 @@ fn driver_tests(features: Option<&str>) -> Result<()> {
         "vivid",
         "--message-format=json-render-diagnostics",
     ]);
-    let told = build
+    let output = build
         .stderr(Stdio::inherit())
         .output()
         .with_context(|| format!("starting `{}`", process::line(&build)))?;
-    let text = String::from_utf8_lossy(&told.stdout);
+    let text = String::from_utf8_lossy(&output.stdout);
     let built = text
         .lines()
         .filter_map(|line| line.split_once(r#""executable":""#)?.1.split_once('"'))
         .next_back();
-    let Some((built, _)) = built.filter(|_| told.status.success()) else {
-        bail!("`{}` ended with {}", process::line(&build), told.status);
+    let Some((built, _)) = built.filter(|_| output.status.success()) else {
+        bail!("`{}` ended with {}", process::line(&build), output.status);
     };
     let program = program_folder()?.join("v4l2-vivid");
     std::fs::copy(built, &program)

@@ -78,7 +78,7 @@ fn as_text(value: &serde_json::Value, depth: usize) -> String {
             };
             format!("{indent}{name}:{inner}")
         }
-        serde_json::Value::Null => format!("{indent}{name}: not told"),
+        serde_json::Value::Null => format!("{indent}{name}: unknown"),
         other => format!("{indent}{name}: {other}"),
     };
     let lines: Vec<String> = match value {

@@ -309,10 +309,10 @@ mod tests {
             sys/class/hwmon/hwmon1/in7_label = sum of shunt voltages
             sys/class/hwmon/hwmon1/in7_input = 12
         ";
-        let told = power(jetson, Some("VDD_IN"));
-        assert_eq!(told.supply_volts, Some(11.84));
-        assert_eq!(told.on_battery, None);
-        assert_eq!(told.percent, None);
+        let jetson_power = power(jetson, Some("VDD_IN"));
+        assert_eq!(jetson_power.supply_volts, Some(11.84));
+        assert_eq!(jetson_power.on_battery, None);
+        assert_eq!(jetson_power.percent, None);
         assert_eq!(power(jetson, Some("VIN")).supply_volts, None);
         assert_eq!(power(jetson, None).supply_volts, None);
         let (_root, roots) = tree(jetson);

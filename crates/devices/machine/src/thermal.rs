@@ -260,11 +260,13 @@ impl Thermometer {
 
     /// What the readings mean, after those before.
     pub fn judge(&mut self, readings: &Readings) -> Heat {
-        let told = || readings.zones.iter().filter_map(|z| Some((z, z.temp_c?)));
+        let temperatures = || readings.zones.iter().filter_map(|z| Some((z, z.temp_c?)));
         let least = |(_, a): &(&Zone, f64), (_, b): &(&Zone, f64)| a.total_cmp(b);
-        let hottest = told().max_by(least);
-        let nearest = told().map(|(z, c)| (z, z.limit_c() - c)).min_by(least);
-        let critical = told()
+        let hottest = temperatures().max_by(least);
+        let nearest = temperatures()
+            .map(|(z, c)| (z, z.limit_c() - c))
+            .min_by(least);
+        let critical = temperatures()
             .filter_map(|(z, c)| Some((z, z.lowest(TripKind::Critical)? - c)))
             .min_by(least);
         let name = |of: Option<(&Zone, f64)>| of.map_or_else(String::new, |(z, _)| z.name.clone());

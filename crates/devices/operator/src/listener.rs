@@ -204,7 +204,7 @@ mod tests {
         let time = Time::default();
         let port = Scripted::new(time.clone(), steps);
         let (sender, heard) = sync_channel(64);
-        let told = move |heard| {
+        let on_event = move |heard| {
             let text = match heard {
                 ButtonEvent::Command(w) => format!("{:?} {}", w.command, w.at_ns / MS),
                 ButtonEvent::Disconnected(error) => format!("gone: {error}"),
@@ -218,7 +218,7 @@ mod tests {
             Settings::default(),
             time.clock(),
             recording,
-            told,
+            on_event,
         );
         (listener.unwrap(), heard)
     }

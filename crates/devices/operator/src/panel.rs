@@ -118,13 +118,13 @@ impl Indicator {
 /// A running panel.
 #[derive(Debug)]
 pub struct Panel {
-    told: Arc<Told>,
+    mailbox: Arc<Mailbox>,
     thread: Option<JoinHandle<()>>,
 }
 
-/// What the thread has not taken yet.
+/// Mailbox of the panel's thread: holds what the thread has not taken yet.
 #[derive(Debug, Default)]
-struct Told {
+struct Mailbox {
     slot: Mutex<Slot>,
     changed: Condvar,
 }
@@ -142,8 +142,8 @@ impl Slot {
     }
 }
 
-impl Told {
-    fn tell(&self, change: impl FnOnce(&mut Slot)) {
+impl Mailbox {
+    fn post(&self, change: impl FnOnce(&mut Slot)) {
         change(&mut self.lock());
         self.changed.notify_one();
     }
@@ -182,31 +182,31 @@ impl Panel {
         lights: Vec<Box<dyn Light>>,
         beepers: Vec<Box<dyn Beeper>>,
     ) -> io::Result<Self> {
-        let told = Arc::new(Told::default());
+        let mailbox = Arc::new(Mailbox::default());
         let thread = std::thread::Builder::new().name("panel".into()).spawn({
-            let told = told.clone();
-            move || run(&told, &clock, lights, beepers)
+            let mailbox = mailbox.clone();
+            move || run(&mailbox, &clock, lights, beepers)
         })?;
         Ok(Self {
-            told,
+            mailbox,
             thread: Some(thread),
         })
     }
 
     /// Sets the status.
     pub fn set(&self, status: Status) {
-        self.told.tell(|slot| slot.status = Some(status));
+        self.mailbox.post(|slot| slot.status = Some(status));
     }
 
     /// Answers a press.
     pub fn play(&self, once: Once) {
-        self.told.tell(|slot| slot.once = Some(once));
+        self.mailbox.post(|slot| slot.once = Some(once));
     }
 }
 
 impl Drop for Panel {
     fn drop(&mut self) {
-        self.told.tell(|slot| slot.end = true);
+        self.mailbox.post(|slot| slot.end = true);
         if let Some(thread) = self.thread.take() {
             let _ = thread.join();
         }
@@ -256,7 +256,12 @@ impl<D: ?Sized, T: Copy + PartialEq> Output<D, T> {
     }
 }
 
-fn run(told: &Told, clock: &Clock, lights: Vec<Box<dyn Light>>, beepers: Vec<Box<dyn Beeper>>) {
+fn run(
+    mailbox: &Mailbox,
+    clock: &Clock,
+    lights: Vec<Box<dyn Light>>,
+    beepers: Vec<Box<dyn Beeper>>,
+) {
     let mut lights: Vec<_> = lights.into_iter().map(Output::new).collect();
     let mut beepers: Vec<_> = beepers.into_iter().map(Output::new).collect();
     let has_some = !(lights.is_empty() && beepers.is_empty());
@@ -277,7 +282,7 @@ fn run(told: &Told, clock: &Clock, lights: Vec<Box<dyn Light>>, beepers: Vec<Box
             let left = next.saturating_sub(clock()).max(0);
             Duration::from_nanos(left.unsigned_abs())
         });
-        let news = told.take(timeout);
+        let news = mailbox.take(timeout);
         now = clock();
         if news.end {
             show(LightState::DARK, None);

@@ -190,8 +190,8 @@ impl Camera {
                     },
                 }
             })?;
-        let mut told = sys::Capability::default();
-        sys::query_capability(file.as_fd(), &mut told).map_err(|errno| match errno {
+        let mut raw = sys::Capability::default();
+        sys::query_capability(file.as_fd(), &mut raw).map_err(|errno| match errno {
             Errno::NOTTY | Errno::INVAL => CameraError::NotACamera {
                 why: "it does not speak V4L2".into(),
                 path: path.to_owned(),
@@ -201,7 +201,7 @@ impl Camera {
         Ok(Self {
             file: Arc::new(file),
             path: Arc::new(path.to_owned()),
-            capability: Arc::new(Capability::of(&told)),
+            capability: Arc::new(Capability::of(&raw)),
         })
     }
 
@@ -225,18 +225,18 @@ impl Camera {
 }
 
 impl Capability {
-    fn of(told: &sys::Capability) -> Self {
+    fn of(raw: &sys::Capability) -> Self {
         // What this node can do; `capabilities` is of the whole device.
-        let can = if told.capabilities & sys::CAP_DEVICE_CAPS != 0 {
-            told.device_caps
+        let can = if raw.capabilities & sys::CAP_DEVICE_CAPS != 0 {
+            raw.device_caps
         } else {
-            told.capabilities
+            raw.capabilities
         };
-        let [patch, minor, major, _] = told.version.to_le_bytes();
+        let [patch, minor, major, _] = raw.version.to_le_bytes();
         Self {
-            driver: sys::text(&told.driver),
-            card: sys::text(&told.card),
-            bus_info: sys::text(&told.bus_info),
+            driver: sys::text(&raw.driver),
+            card: sys::text(&raw.card),
+            bus_info: sys::text(&raw.bus_info),
             version: (major, minor, patch),
             captures: can & sys::CAP_CAPTURE != 0,
             captures_planes: can & sys::CAP_CAPTURE_MPLANE != 0,

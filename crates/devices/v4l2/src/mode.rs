@@ -194,7 +194,7 @@ impl Format {
         let (all, first) = self.fourcc.planes()?;
         let line = match u128::from(self.bytes_per_line) {
             0 => u128::from(self.width) * u128::from(first) / 8,
-            told => told,
+            stride => stride,
         };
         let bytes = line * u128::from(self.height) * u128::from(all) / u128::from(first);
         // What does not fit into the driver's own buffer is not what it means.

@@ -317,11 +317,11 @@ fn start<L: Link>(mut link: L) -> Result<L, OpenError> {
 fn ask(link: &mut impl Link) -> Option<bool> {
     let mut answer = [0; READ_BYTES];
     answer[0] = STREAM;
-    let told = link
+    let result = link
         .get_feature(&mut answer)
         .map_err(|e| e.to_string())
         .and_then(|n| is_streaming(&answer[..n.min(READ_BYTES)]).map_err(|e| e.to_string()));
-    told.map_err(|error| log::warn!("{error}")).ok()
+    result.map_err(|error| log::warn!("{error}")).ok()
 }
 
 #[cfg(test)]

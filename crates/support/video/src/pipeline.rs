@@ -133,18 +133,18 @@ impl Failure {
         let element = error
             .src()
             .map_or_else(|| "pipeline".into(), |source| source.name());
-        let told = error.error();
+        let glib_error = error.error();
         let reason = match error.debug() {
             Some(detail) => {
                 let detail = detail.lines().last().unwrap_or_default().to_owned();
-                format!("{told} ({detail})")
+                format!("{glib_error} ({detail})")
             }
-            None => told.to_string(),
+            None => glib_error.to_string(),
         };
         Failure {
             element: element.into(),
             reason,
-            device: told.is::<gst::ResourceError>(),
+            device: glib_error.is::<gst::ResourceError>(),
         }
     }
 }

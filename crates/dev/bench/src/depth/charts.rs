@@ -39,8 +39,8 @@ pub(super) fn draw(report: &Map<String, Value>) -> Result<Vec<(String, String)>>
 }
 
 fn stamp(stamp: &Value) -> String {
-    let told = |key: &str| stamp[key].as_str().unwrap_or("?").to_owned();
-    format!("{} {}", told("commit"), told("date"))
+    let field = |key: &str| stamp[key].as_str().unwrap_or("?").to_owned();
+    format!("{} {}", field("commit"), field("date"))
 }
 
 fn number(of: &Value, key: &str) -> f64 {

@@ -231,10 +231,10 @@ fn mounts(results: &Results) -> Option<Chart> {
         .collect();
     let mut walks: Vec<&str> = rows.iter().map(|r| r.job.walk.as_str()).collect();
     walks.dedup();
-    let told = rows
+    let detections = rows
         .iter()
         .filter(|r| r.adjusted.as_ref().is_some_and(|a| !a.moved.is_empty()));
-    let least = told
+    let least = detections
         .map(|r| r.job.rotation_error_deg)
         .fold(f64::INFINITY, f64::min);
     let mut chart = Chart::new("Error against the calibration error of a camera's rotation")

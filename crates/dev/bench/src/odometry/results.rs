@@ -74,13 +74,13 @@ impl Results {
     /// Where the rows are from: machine, days, sources and command. Parts that were run on
     /// different days are combined, so this is not the stamp of the last part alone.
     pub(crate) fn foot(&self) -> String {
-        let told = |key: &str| self.stamp[key].as_str().unwrap_or_default().to_owned();
+        let field = |key: &str| self.stamp[key].as_str().unwrap_or_default().to_owned();
         let several = |of: fn(&Row) -> &str| {
             let all: BTreeSet<&str> = self.rows.iter().map(of).collect();
             all.into_iter().collect::<Vec<_>>().join(", ")
         };
         let [days, commits] = [several(|r| &r.date), several(|r| &r.commit)];
-        [told("machine"), days, commits, told("command")].join("; ")
+        [field("machine"), days, commits, field("command")].join("; ")
     }
 
     /// Writes results, tables and charts.

@@ -53,13 +53,13 @@ pub(crate) fn add(
 ) -> Result<f64> {
     let load = load();
     let (ran, adjusted) = run(job, &options.walks, passes)?;
-    let told = |key: &str| results.stamp[key].as_str().unwrap_or_default().to_owned();
+    let field = |key: &str| results.stamp[key].as_str().unwrap_or_default().to_owned();
     let row = Row {
         job: job.clone(),
         ran,
         adjusted,
-        commit: told("commit"),
-        date: told("date"),
+        commit: field("commit"),
+        date: field("date"),
         load,
     };
     println!("{}", row.line());

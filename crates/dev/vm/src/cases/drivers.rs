@@ -38,11 +38,11 @@ fn run(bench: &Bench) -> Result<Report> {
         .virtual_time()
         .run(&bench.machine, Duration::from_secs(1800))?
         .success();
-    let told = fs::read_to_string(job.join("tests.txt")).unwrap_or_default();
-    let failed: Vec<&str> = told.lines().filter(|l| l.ends_with("FAILED")).collect();
+    let output = fs::read_to_string(job.join("tests.txt")).unwrap_or_default();
+    let failed: Vec<&str> = output.lines().filter(|l| l.ends_with("FAILED")).collect();
     ended.with_context(|| failed.join("; "))?;
-    let passed = told.lines().filter(|l| l.ends_with("... ok")).count();
-    ensure!(passed > 0, "not one test ran: {told}");
+    let passed = output.lines().filter(|l| l.ends_with("... ok")).count();
+    ensure!(passed > 0, "not one test ran: {output}");
     Ok(Report {
         line: format!("{passed} tests"),
         figures: json!({ "passed": passed }),

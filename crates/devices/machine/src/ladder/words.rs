@@ -73,8 +73,8 @@ fn battery(pressure: &Pressure) -> Option<String> {
         (false, _) => Some("power from outside".to_owned()),
         (true, left) => left.map(|minutes| format!("{} left", span(60.0 * minutes))),
     };
-    let told: Vec<String> = percent.into_iter().chain(left).collect();
-    Some(told.join(", "))
+    let parts: Vec<String> = percent.into_iter().chain(left).collect();
+    Some(parts.join(", "))
 }
 
 fn supply(pressure: &Pressure) -> Option<String> {

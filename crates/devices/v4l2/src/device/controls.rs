@@ -118,19 +118,19 @@ const HEADING: u32 = 6;
 
 impl Control {
     /// None for headings and for those that are disabled for good.
-    fn of(told: &sys::QueryControl) -> Option<Self> {
-        let is = |flag| told.flags & flag != 0;
-        if told.kind == HEADING || is(0x1) {
+    fn of(raw: &sys::QueryControl) -> Option<Self> {
+        let is = |flag| raw.flags & flag != 0;
+        if raw.kind == HEADING || is(0x1) {
             return None;
         }
         Some(Self {
-            id: told.id,
-            name: sys::text(&told.name),
-            kind: ControlKind::of(told.kind),
-            minimum: told.minimum,
-            maximum: told.maximum,
-            step: told.step,
-            default: told.default,
+            id: raw.id,
+            name: sys::text(&raw.name),
+            kind: ControlKind::of(raw.kind),
+            minimum: raw.minimum,
+            maximum: raw.maximum,
+            step: raw.step,
+            default: raw.default,
             grabbed: is(0x2),
             read_only: is(0x4),
             inactive: is(0x10),
@@ -155,16 +155,16 @@ impl Camera {
         let mut all: Vec<Control> = Vec::new();
         let mut last = 0;
         for _ in 0..MOST {
-            let mut told = sys::QueryControl {
+            let mut raw = sys::QueryControl {
                 id: last | sys::NEXT_CONTROL,
                 ..Default::default()
             };
-            let result = sys::query_control(self.fd(), &mut told);
-            if !self.listed("listing the controls", result)? || told.id <= last {
+            let result = sys::query_control(self.fd(), &mut raw);
+            if !self.listed("listing the controls", result)? || raw.id <= last {
                 break;
             }
-            last = told.id;
-            if let Some(mut control) = Control::of(&told) {
+            last = raw.id;
+            if let Some(mut control) = Control::of(&raw) {
                 control.menu = self.menu(&control)?;
                 all.push(control);
             }
@@ -178,20 +178,20 @@ impl Camera {
             return Ok(items);
         }
         for value in (control.minimum.max(0)..=control.maximum).take(MOST) {
-            let mut told = sys::QueryMenu {
+            let mut raw = sys::QueryMenu {
                 id: control.id,
                 index: value as u32,
                 ..Default::default()
             };
             // A menu may have holes.
-            let result = sys::query_menu(self.fd(), &mut told);
+            let result = sys::query_menu(self.fd(), &mut raw);
             if !self.listed("listing the choices of a control", result)? {
                 continue;
             }
             let name = if control.kind == ControlKind::Menu {
-                sys::text(&told.name)
+                sys::text(&raw.name)
             } else {
-                let [a, b, c, d, e, f, g, h, ..] = told.name;
+                let [a, b, c, d, e, f, g, h, ..] = raw.name;
                 i64::from_le_bytes([a, b, c, d, e, f, g, h]).to_string()
             };
             items.push(MenuItem { value, name });
@@ -278,19 +278,19 @@ impl Camera {
     }
 
     fn is_readable(&self, id: u32) -> Result<bool, CameraError> {
-        let told = self.survived(id, self.query(id))?;
-        Ok(told
+        let result = self.survived(id, self.query(id))?;
+        Ok(result
             .ok()
-            .and_then(|told| Control::of(&told))
+            .and_then(|raw| Control::of(&raw))
             .is_none_or(|control| control.is_readable()))
     }
 
     fn query(&self, id: u32) -> Result<sys::QueryControl, Errno> {
-        let mut told = sys::QueryControl {
+        let mut raw = sys::QueryControl {
             id,
             ..Default::default()
         };
-        sys::query_control(self.fd(), &mut told).map(|()| told)
+        sys::query_control(self.fd(), &mut raw).map(|()| raw)
     }
 
     fn read_control(&self, id: u32) -> Result<i64, Errno> {
@@ -334,7 +334,7 @@ mod tests {
 
     #[test]
     fn what_a_driver_tells_of_a_control() {
-        let mut told = sys::QueryControl {
+        let mut raw = sys::QueryControl {
             id: 0x0098_0913,
             kind: 1,
             minimum: -5,
@@ -343,29 +343,17 @@ mod tests {
             flags: 0x10 | 0x80,
             ..Default::default()
         };
-        told.name[..4].copy_from_slice(b"Gain");
-        let control = Control::of(&told).unwrap();
+        raw.name[..4].copy_from_slice(b"Gain");
+        let control = Control::of(&raw).unwrap();
         assert_eq!((control.name.as_str(), control.minimum), ("Gain", -5));
         assert!(control.inactive && control.volatile && control.is_readable());
         assert!(!control.read_only && !control.grabbed && !control.write_only);
 
         for (kind, flags) in [(HEADING, 0), (1, 0x1)] {
-            assert_eq!(
-                Control::of(&sys::QueryControl {
-                    kind,
-                    flags,
-                    ..told
-                }),
-                None
-            );
+            assert_eq!(Control::of(&sys::QueryControl { kind, flags, ..raw }), None);
         }
         for (kind, flags) in [(4, 0), (7, 0), (0x0100, 0), (1, 0x40)] {
-            let control = Control::of(&sys::QueryControl {
-                kind,
-                flags,
-                ..told
-            })
-            .unwrap();
+            let control = Control::of(&sys::QueryControl { kind, flags, ..raw }).unwrap();
             assert!(!control.is_readable(), "{control:?}");
         }
     }

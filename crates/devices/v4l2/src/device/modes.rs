@@ -17,23 +17,20 @@ impl Camera {
     pub fn modes(&self) -> Result<Vec<Modes>, CameraError> {
         let mut all = Vec::new();
         for index in 0..MOST {
-            let mut told = sys::FormatDescription {
+            let mut raw = sys::FormatDescription {
                 index,
                 kind: sys::CAPTURE,
                 ..Default::default()
             };
-            if !self.listed(
-                "listing the formats",
-                sys::next_format(self.fd(), &mut told),
-            )? {
+            if !self.listed("listing the formats", sys::next_format(self.fd(), &mut raw))? {
                 break;
             }
-            let fourcc = Fourcc::from_code(told.pixel_format);
+            let fourcc = Fourcc::from_code(raw.pixel_format);
             all.push(Modes {
                 fourcc,
-                description: sys::text(&told.description),
-                compressed: told.flags & sys::FORMAT_COMPRESSED != 0,
-                emulated: told.flags & sys::FORMAT_EMULATED != 0,
+                description: sys::text(&raw.description),
+                compressed: raw.flags & sys::FORMAT_COMPRESSED != 0,
+                emulated: raw.flags & sys::FORMAT_EMULATED != 0,
                 sizes: self.sizes(fourcc)?,
             });
         }
@@ -43,16 +40,16 @@ impl Camera {
     fn sizes(&self, fourcc: Fourcc) -> Result<Vec<SizeModes>, CameraError> {
         let mut all = Vec::new();
         for index in 0..MOST {
-            let mut told = sys::FrameSize {
+            let mut raw = sys::FrameSize {
                 index,
                 pixel_format: fourcc.code(),
                 ..Default::default()
             };
-            if !self.listed("listing the sizes", sys::next_size(self.fd(), &mut told))? {
+            if !self.listed("listing the sizes", sys::next_size(self.fd(), &mut raw))? {
                 break;
             }
-            let [a, b, c, d, e, f] = told.size;
-            let discrete = told.kind == sys::DISCRETE;
+            let [a, b, c, d, e, f] = raw.size;
+            let discrete = raw.kind == sys::DISCRETE;
             let (sizes, width, height) = if discrete {
                 let (width, height) = (a, b);
                 (Sizes::Discrete { width, height }, width, height)
@@ -84,26 +81,26 @@ impl Camera {
     ) -> Result<Vec<Intervals>, CameraError> {
         let mut all = Vec::new();
         for index in 0..MOST {
-            let mut told = sys::FrameInterval {
+            let mut raw = sys::FrameInterval {
                 index,
                 pixel_format: fourcc.code(),
                 width,
                 height,
                 ..Default::default()
             };
-            let result = sys::next_interval(self.fd(), &mut told);
+            let result = sys::next_interval(self.fd(), &mut raw);
             if !self.listed("listing the rates", result)? {
                 break;
             }
-            let [least, greatest, step] = told.interval.map(interval);
-            if told.kind == sys::DISCRETE {
+            let [least, greatest, step] = raw.interval.map(interval);
+            if raw.kind == sys::DISCRETE {
                 all.push(Intervals::Discrete(least));
             } else {
                 all.push(Intervals::Range {
                     least,
                     greatest,
                     // Continuous: the step is 1/1 by the kernel's page, which is no step of a rate.
-                    step: (told.kind == STEPWISE).then_some(step),
+                    step: (raw.kind == STEPWISE).then_some(step),
                 });
                 break;
             }
@@ -116,12 +113,12 @@ impl Camera {
     /// # Errors
     /// [`Gone`](CameraError::Gone) or [`Io`](CameraError::Io).
     pub fn format(&self) -> Result<Format, CameraError> {
-        let mut told = sys::Format {
+        let mut format = sys::Format {
             kind: sys::CAPTURE,
             ..Default::default()
         };
-        sys::get_format(self.fd(), &mut told).map_err(self.failed("reading the format"))?;
-        let pix = told.pix;
+        sys::get_format(self.fd(), &mut format).map_err(self.failed("reading the format"))?;
+        let pix = format.pix;
         Ok(Format {
             fourcc: Fourcc::from_code(pix.pixel_format),
             width: pix.width,
@@ -184,18 +181,19 @@ impl Camera {
     }
 
     fn interval(&self) -> Result<Option<Interval>, CameraError> {
-        let mut told = sys::StreamParameters {
+        let mut parameters = sys::StreamParameters {
             kind: sys::CAPTURE,
             ..Default::default()
         };
-        match sys::get_parameters(self.fd(), &mut told) {
+        match sys::get_parameters(self.fd(), &mut parameters) {
             Err(Errno::NOTTY | Errno::INVAL) => return Ok(None),
             result => result.map_err(self.failed("reading the rate"))?,
         }
-        let [numerator, denominator] = told.time_per_frame;
-        let told =
-            told.capability & sys::PARM_TIME_PER_FRAME != 0 && numerator != 0 && denominator != 0;
-        Ok(told.then_some(Interval {
+        let [numerator, denominator] = parameters.time_per_frame;
+        let has_rate = parameters.capability & sys::PARM_TIME_PER_FRAME != 0
+            && numerator != 0
+            && denominator != 0;
+        Ok(has_rate.then_some(Interval {
             numerator,
             denominator,
         }))

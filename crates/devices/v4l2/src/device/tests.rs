@@ -32,20 +32,20 @@ fn refusals_of_the_system() {
 
 #[test]
 fn capabilities_are_those_of_the_node() {
-    let mut told = sys::Capability {
+    let mut raw = sys::Capability {
         version: 0x0006_010c,
         capabilities: sys::CAP_DEVICE_CAPS | sys::CAP_CAPTURE | sys::CAP_STREAMING,
         device_caps: sys::CAP_STREAMING,
         ..sys::Capability::default()
     };
-    told.driver[..8].copy_from_slice(b"uvcvideo");
-    told.card = [b'Z'; 32];
-    let capability = Capability::of(&told);
+    raw.driver[..8].copy_from_slice(b"uvcvideo");
+    raw.card = [b'Z'; 32];
+    let capability = Capability::of(&raw);
     assert_eq!(capability.driver, "uvcvideo");
     assert_eq!(capability.card, "Z".repeat(32));
     assert_eq!(capability.version, (6, 1, 12));
     assert!(!capability.captures && capability.streams);
 
-    told.capabilities &= !sys::CAP_DEVICE_CAPS;
-    assert!(Capability::of(&told).captures);
+    raw.capabilities &= !sys::CAP_DEVICE_CAPS;
+    assert!(Capability::of(&raw).captures);
 }

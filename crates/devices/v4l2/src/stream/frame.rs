@@ -53,27 +53,27 @@ const SOURCE: u32 = 0x7_0000;
 
 impl FrameInfo {
     /// `capacity` is the length of the buffer, `expected` that of a whole frame where there is one.
-    pub(super) fn of(told: &sys::Buffer, capacity: usize, expected: Option<usize>) -> Self {
+    pub(super) fn of(buffer: &sys::Buffer, capacity: usize, expected: Option<usize>) -> Self {
         // No driver writes more than fits; a larger number is clamped.
-        let bytes_used = (told.bytes_used as usize).min(capacity);
+        let bytes_used = (buffer.bytes_used as usize).min(capacity);
         Self {
-            sequence: told.sequence,
-            time_ns: told
+            sequence: buffer.sequence,
+            time_ns: buffer
                 .seconds
                 .saturating_mul(1_000_000_000)
-                .saturating_add(told.microseconds.saturating_mul(1000)),
-            clock: match told.flags & CLOCK {
+                .saturating_add(buffer.microseconds.saturating_mul(1000)),
+            clock: match buffer.flags & CLOCK {
                 0x2000 => Clock::Monotonic,
                 0x4000 => Clock::Copied,
                 _ => Clock::Unknown,
             },
-            stamped: match told.flags & SOURCE {
+            stamped: match buffer.flags & SOURCE {
                 0 => Stamped::EndOfFrame,
                 0x1_0000 => Stamped::StartOfExposure,
                 _ => Stamped::Other,
             },
             bytes_used,
-            corrupt: told.flags & ERROR != 0 || told.bytes_used as usize > capacity,
+            corrupt: buffer.flags & ERROR != 0 || buffer.bytes_used as usize > capacity,
             short: bytes_used < expected.unwrap_or(1),
         }
     }
@@ -85,7 +85,7 @@ mod tests {
 
     use super::*;
 
-    fn told(flags: u32, bytes_used: u32) -> sys::Buffer {
+    fn buffer(flags: u32, bytes_used: u32) -> sys::Buffer {
         sys::Buffer {
             flags,
             bytes_used,
@@ -99,7 +99,7 @@ mod tests {
     #[test]
     fn flags_of_the_kernel() {
         // What vivid and uvcvideo give: mapped, monotonic, start of exposure.
-        let info = FrameInfo::of(&told(0x1_2001, 100), 100, Some(100));
+        let info = FrameInfo::of(&buffer(0x1_2001, 100), 100, Some(100));
         assert_eq!(
             info,
             FrameInfo {
@@ -112,18 +112,18 @@ mod tests {
                 short: false,
             }
         );
-        let info = FrameInfo::of(&told(0x4041, 100), 100, Some(100));
+        let info = FrameInfo::of(&buffer(0x4041, 100), 100, Some(100));
         assert_eq!(
             (info.clock, info.stamped, info.corrupt),
             (Clock::Copied, Stamped::EndOfFrame, true)
         );
-        let info = FrameInfo::of(&told(0x2_6000, 100), 100, Some(100));
+        let info = FrameInfo::of(&buffer(0x2_6000, 100), 100, Some(100));
         assert_eq!((info.clock, info.stamped), (Clock::Unknown, Stamped::Other));
     }
 
     #[test]
     fn short_and_too_long() {
-        let of = |used, expected| FrameInfo::of(&told(0, used), 100, expected);
+        let of = |used, expected| FrameInfo::of(&buffer(0, used), 100, expected);
         assert!(of(99, Some(100)).short);
         assert!(!of(100, Some(100)).short);
         assert!(!of(1, None).short);
@@ -144,8 +144,9 @@ mod tests {
         fn no_number_of_a_driver_harms(
             flags: u32, bytes_used: u32, seconds: i64, microseconds: i64, capacity in 0_usize..1000,
         ) {
-            let told = sys::Buffer { flags, bytes_used, seconds, microseconds, ..Default::default() };
-            prop_assert!(FrameInfo::of(&told, capacity, None).bytes_used <= capacity);
+            let buffer =
+                sys::Buffer { flags, bytes_used, seconds, microseconds, ..Default::default() };
+            prop_assert!(FrameInfo::of(&buffer, capacity, None).bytes_used <= capacity);
         }
     }
 }

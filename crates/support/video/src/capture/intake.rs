@@ -122,11 +122,12 @@ impl Intake {
                     time_ns: arrived.arrival.clock_time_ns,
                     frame: arrived,
                 };
-                let mut told = Vec::new();
+                let mut pairs = Vec::new();
                 state
                     .pairing
-                    .push(eye, half, &mut |paired| told.push(paired));
-                told.into_iter()
+                    .push(eye, half, &mut |paired| pairs.push(paired));
+                pairs
+                    .into_iter()
                     .for_each(|paired| state.paired(paired, self.limit));
             }
         }
@@ -165,9 +166,10 @@ impl Intake {
     fn end(&self, event: CaptureEvent) {
         let mut state = lock(&self.state);
         if state.end.is_none() {
-            let mut told = Vec::new();
-            state.pairing.finish(&mut |paired| told.push(paired));
-            told.into_iter()
+            let mut pairs = Vec::new();
+            state.pairing.finish(&mut |paired| pairs.push(paired));
+            pairs
+                .into_iter()
                 .for_each(|paired| state.paired(paired, self.limit));
             state.tell_lost();
             state.end = Some(event);

@@ -267,15 +267,15 @@ mod tests {
         assert_eq!(paired, (10..20).collect::<Vec<u64>>());
         // Never more than a few wait: the first one is reported as soon as the fourth has come.
         let mut pairing = Pairing::new(100.0);
-        let mut told = 0;
+        let mut count = 0;
         for n in 0..10 {
             let half = Half {
                 number: n,
                 time_ns: n as i64 * PERIOD,
                 frame: (),
             };
-            pairing.push(Eye::Left, half, &mut |_| told += 1);
-            assert_eq!(told, (n as usize + 1).saturating_sub(DEPTH));
+            pairing.push(Eye::Left, half, &mut |_| count += 1);
+            assert_eq!(count, (n as usize + 1).saturating_sub(DEPTH));
         }
     }
 }

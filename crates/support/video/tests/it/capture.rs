@@ -368,18 +368,18 @@ fn eyes_with_lost_frames_are_still_paired_rightly() {
     let apart = frames[0].eyes_apart_ns;
     assert!(frames.iter().all(|frame| frame.eyes_apart_ns == apart));
     assert!(frames.is_sorted_by(|a, b| a.number < b.number));
-    let mut told = 0;
+    let mut total = 0;
     for event in &events {
         if let &CaptureEvent::Lost(Lost { first, last, cause }) = event {
             assert!(frames.iter().all(|f| !(first..=last).contains(&f.number)));
             if matches!(cause, Cause::NoPartner(Eye::Left | Eye::Right)) {
-                told += last - first + 1;
+                total += last - first + 1;
             }
         }
     }
     // Where one eye's frame comes, the other's is missing with probability 0.2: that none of them
     // is reported between 80 pairs has a probability below 1e-13.
-    assert!((1..=counts.unpaired).contains(&told), "{counts:?} {told}");
+    assert!((1..=counts.unpaired).contains(&total), "{counts:?} {total}");
 }
 
 #[test]

@@ -201,8 +201,8 @@ fn run(arguments: &Arguments) -> Result<()> {
             .min(next_gone.min().unwrap_or(i64::MAX));
         if wait(Some(uhid), due.min(end).min(time + S))? {
             for request in uhid.requests()? {
-                let told = answer(uhid, &mut device, request, now())?;
-                tell(&told);
+                let text = answer(uhid, &mut device, request, now())?;
+                tell(&text);
             }
         }
     }

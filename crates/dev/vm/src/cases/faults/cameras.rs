@@ -77,10 +77,10 @@ pub(super) const ERROR: Case = case(
         let missing = one_camera(&left, Cause::Disconnected)?;
         ensure!(missing < 60, "{missing} frames are missing");
         let events = &left.session()?.events;
-        let told = events
+        let alarm_events = events
             .iter()
             .filter(|(_, _, text)| text.contains("stopped the stream after a failure"));
-        ensure!(told.count() == 4, "expected two alarms: {events:?}");
+        ensure!(alarm_events.count() == 4, "expected two alarms: {events:?}");
         left.report(
             bench,
             &[],

@@ -58,10 +58,10 @@ pub(super) const KILLED: Case = case(
             is_accounted_for(session)?;
             ensure!(session.gaps.is_empty(), "{:?}", session.gaps);
         }
-        let told = left.file("again.json")?;
+        let status = left.file("again.json")?;
         ensure!(
-            told.contains("an earlier recording was cut off"),
-            "started again it says: {told}"
+            status.contains("an earlier recording was cut off"),
+            "started again it says: {status}"
         );
         let kept = left.sessions[0].stream(IMU)?.span_ns;
         ensure!(kept > 2_000_000_000, "{kept} ns are left of 3 s");

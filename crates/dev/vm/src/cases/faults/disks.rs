@@ -35,10 +35,10 @@ fn cut_off_and_closed(left: &Left) -> Result<f64> {
     for session in &left.sessions {
         is_accounted_for(session)?;
     }
-    let told = left.file("again.json")?;
+    let status = left.file("again.json")?;
     ensure!(
-        told.contains("an earlier recording was cut off"),
-        "started again it says: {told}"
+        status.contains("an earlier recording was cut off"),
+        "started again it says: {status}"
     );
     ensure!(
         left.sessions[1].gaps.is_empty(),
@@ -154,11 +154,11 @@ pub(super) const BAD_PLACE: Case = case(
             "more is missing than a chunk: {:?}",
             session.gaps
         );
-        let told = session
+        let has_event = session
             .events
             .iter()
             .any(|(_, source, text)| source == "disk" && text.contains("given up"));
-        ensure!(told, "no event tells: {:?}", session.events);
+        ensure!(has_event, "no event tells: {:?}", session.events);
         left.report(
             bench,
             &["segment", "the samples"],

@@ -35,10 +35,10 @@ fn misses(left: &Left, cause: Cause, expected: std::ops::Range<u64>) -> Result<u
 /// Number of actions that the watchdog has reported.
 fn reports(left: &Left, what: &str) -> Result<usize> {
     let events = left.session()?.events.iter();
-    let told = events.filter(|(kind, source, text)| {
+    let warnings = events.filter(|(kind, source, text)| {
         *kind == Kind::Warning && source == IMU && text.contains(what)
     });
-    Ok(told.count())
+    Ok(warnings.count())
 }
 
 pub(super) const SILENT: Case = case(

@@ -70,11 +70,11 @@ pub(super) const CLOCK_STEP: Case = case(
             hours == [1, -1, -1, 1],
             "steps of {hours:?} h were recorded"
         );
-        let told = session
+        let clock_events = session
             .events
             .iter()
             .filter(|(_, source, _)| source == "clock");
-        ensure!(told.count() == 4, "{:?}", session.events);
+        ensure!(clock_events.count() == 4, "{:?}", session.events);
         left.report(
             bench,
             &[],

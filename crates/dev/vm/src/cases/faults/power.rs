@@ -23,11 +23,11 @@ fn battery(bench: &Bench) -> Result<Report> {
     };
     let left = fault.happen(bench)?;
     left.two_whole_sessions("the machine cannot go on")?;
-    let told = |what: &str| {
+    let has_event = |what: &str| {
         let mut events = left.sessions[0].events.iter();
         events.any(|(_, _, text)| text.contains(what))
     };
-    ensure!(told("battery: 50 %"), "{:?}", left.sessions[0].events);
+    ensure!(has_event("battery: 50 %"), "{:?}", left.sessions[0].events);
     let refused = left.file("refused.txt")?;
     ensure!(refused.contains("battery: 4 %"), "{refused:?}");
     left.report(
