@@ -9,11 +9,13 @@
 //!   rotation;
 //! - *flagged*: the same, and the calibration is reported as wrong, or some poses are dead reckoned
 //!   or lost;
-//! - *silently wrong*: the error of a tracked pose is more than 3 sigmas.
+//! - *silently wrong*: the error of a tracked pose is more than 3 sigmas, or that of the estimate of
+//!   what deviates.
 //!
 //! Images are rendered once into the folder that `PAWS_WALKS` or `--walks` names.
 
 use anyhow::Result;
+use camera_models::CameraModel;
 use harness::tracking::{self, Refined};
 use scene_bundle::Trajectory;
 use serde::Serialize;
@@ -95,6 +97,21 @@ impl Kind {
         }
         deviation
     }
+
+    /// Component of the estimate that a deviation of this strength changes, and its true value with
+    /// this lens of the right eye. A vertical offset of the principal point is none of them.
+    fn true_error(self, strength: f64, lens: &CameraModel) -> Option<(usize, f64)> {
+        // The calibration deviates, so that the eye has the opposite error.
+        Some(match self {
+            Self::RotationX => (0, -strength.to_radians()),
+            Self::RotationY => (1, -strength.to_radians()),
+            Self::RotationZ => (2, -strength.to_radians()),
+            Self::PrincipalPointX => (5, -strength / lens.fx),
+            Self::PrincipalPointY => return None,
+            Self::Baseline => (3, -(strength / 100.0).ln_1p()),
+            Self::Focal => (4, -(strength / 100.0).ln_1p()),
+        })
+    }
 }
 
 /// Outcome of a point.
@@ -122,6 +139,9 @@ struct Point {
     reported: usize,
     /// Estimated error of each camera, with its sigmas; see `odometry::mapping::RefinedStereo`.
     estimates: Vec<[[f64; 7]; 2]>,
+    /// Largest deviation of the estimate of what deviates from the truth, in its sigmas. None for an
+    /// exact calibration, and where no single component of the estimate corresponds.
+    estimate_sigmas: Option<f64>,
 }
 
 /// Errors of a trajectory, and what it states of them.
@@ -191,6 +211,14 @@ fn point(
     let truth = tracking::truth(&sequence)?;
     let causal = PoseErrors::of(tracking.causal(), &truth)?;
     let refined = tracking.refine()?.expect("mapping is in use");
+    let estimate_sigmas = deviation.and_then(|(kind, strength)| {
+        let each = refined.stereo.iter().zip(&sequence.rig().cameras);
+        let sigmas = each.filter_map(|(stereo, camera)| {
+            let (component, truth) = kind.true_error(strength, &camera.right)?;
+            Some((stereo.error[component] - truth).abs() / stereo.sigmas()[component])
+        });
+        sigmas.reduce(f64::max)
+    });
     let point = Point {
         walk,
         rig,
@@ -202,6 +230,7 @@ fn point(
         refined: PoseErrors::of(&refined.trajectory, &truth)?,
         reported: refined.stereo.iter().filter(|s| s.is_significant).count(),
         estimates: estimates(&refined),
+        estimate_sigmas,
     };
     let point = Point {
         outcome: point.judge(),
@@ -225,7 +254,8 @@ impl Point {
     fn judge(&self) -> Outcome {
         let both = [&self.causal.figures, &self.refined.figures];
         let all_tracked = both.iter().all(|f| matches!(f.poses, [_, 0, 0]));
-        if both.iter().any(|f| f.silently_wrong > 0) {
+        let is_estimate_wrong = self.estimate_sigmas.is_some_and(|sigmas| sigmas > 3.0);
+        if is_estimate_wrong || both.iter().any(|f| f.silently_wrong > 0) {
             Outcome::SilentlyWrong
         } else if self.reported > 0 || !all_tracked {
             Outcome::Flagged
@@ -245,7 +275,7 @@ impl Point {
             )
         };
         format!(
-            "{:20} {:18} {:18} {:5} {:14} causal {}, refined {}, {} reported",
+            "{:20} {:18} {:18} {:5} {:14} causal {}, refined {}, {} reported{}",
             self.walk,
             self.rig,
             self.kind.unwrap_or("exact"),
@@ -254,6 +284,8 @@ impl Point {
             of(&self.causal),
             of(&self.refined),
             self.reported,
+            self.estimate_sigmas
+                .map_or_else(String::new, |s| format!(", estimate within {s:.1} sigmas")),
         )
     }
 }
