@@ -51,8 +51,8 @@ config! {
         /// Minimum correlation of the two images around a pixel and its match. For pure noise it is
         /// within 0.08 of 0. Lower keeps matches of noise, with large sigmas.
         pub min_correlation: f32 = 0.0,
-        /// Half the side of the window in which planes are fitted to the disparities, px; `None`
-        /// for no fit. Larger averages more, and takes more time with its square.
+        /// Half the side of the window in which planes are fitted to the disparities, 1 to 64 px;
+        /// `None` for no fit. Larger averages more, and takes more time with its square.
         pub plane_radius_px: Option<usize> = None,
         /// Maximum disparity difference within a window for a pixel to count for its plane, px.
         pub max_plane_step_px: f32 = 1.5,
@@ -212,25 +212,68 @@ impl Config {
                 "two increasing values, 0 or more".to_owned(),
             );
         }
-        // NaN is rejected too.
+        if let Some(radius_px) = self.plane_radius_px
+            && !(1..=MAX_PLANE_RADIUS_PX).contains(&radius_px)
+        {
+            return invalid(
+                "the radius of planes",
+                format!("{radius_px} px"),
+                format!("1 to {MAX_PLANE_RADIUS_PX} px, or no planes"),
+            );
+        }
         let numbers = [
-            ("the speckle step", self.speckle_step_px),
-            ("the maximum sigma", self.max_sigma_px),
-            (
+            Number::new("the minimum row offset", self.min_row_offset_px, " px"),
+            Number::new("the minimum noise", self.min_noise, " gray levels"),
+            Number::new("the speckle step", self.speckle_step_px, " px"),
+            Number::new("the maximum step of planes", self.max_plane_step_px, " px"),
+            Number::new("the maximum sigma", self.max_sigma_px, " px"),
+            Number::new(
                 "the sigma of the column offset",
                 self.column_offset_sigma_px,
+                " px",
             ),
-            ("the ratio of the column offset", self.column_offset_ratio),
+            Number::new(
+                "the ratio of the column offset",
+                self.column_offset_ratio,
+                "",
+            ),
         ];
-        match numbers
-            .into_iter()
-            .find(|(_, value)| value.is_nan() || *value < 0.0)
-        {
+        match numbers.into_iter().find(|number| !number.is_valid) {
             None => Ok(()),
-            Some((what, value)) => invalid(what, value.to_string(), "0 px or more".to_owned()),
+            Some(Number {
+                what, found, unit, ..
+            }) => invalid(what, format!("{found}{unit}"), format!("0{unit} or more")),
         }
     }
 }
+
+/// A number of the configuration that must be 0 or more.
+struct Number {
+    what: &'static str,
+    is_valid: bool,
+    found: String,
+    /// With a space before it; empty for a ratio.
+    unit: &'static str,
+}
+
+impl Number {
+    fn new<T: PartialOrd + Default + ToString>(
+        what: &'static str,
+        value: T,
+        unit: &'static str,
+    ) -> Self {
+        Self {
+            what,
+            // False for NaN.
+            is_valid: value >= T::default(),
+            found: value.to_string(),
+            unit,
+        }
+    }
+}
+
+/// Maximum radius of the window of a plane, px: the sums over a window are in single precision.
+const MAX_PLANE_RADIUS_PX: usize = 64;
 
 /// Maximum path cost: costs are bytes, and 255 means an invalid disparity.
 const MAX_COST: u32 = 254;
@@ -255,6 +298,65 @@ impl Penalties {
             large: share(200),
             slope: (share(200) / 25).max(1),
             min_large: share(50),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn invalid_numbers_are_errors_in_their_units() {
+        let check = |change: fn(&mut Config), expected: &str| {
+            let mut config = Config::default();
+            change(&mut config);
+            let error = config.validate().expect_err(expected).to_string();
+            assert_eq!(error, format!("configuring a matcher: {expected}"));
+        };
+        check(
+            |c| c.max_plane_step_px = f32::NAN,
+            "the maximum step of planes is NaN px, expected 0 px or more",
+        );
+        check(
+            |c| c.max_plane_step_px = -0.1,
+            "the maximum step of planes is -0.1 px, expected 0 px or more",
+        );
+        check(
+            |c| c.min_row_offset_px = f64::NAN,
+            "the minimum row offset is NaN px, expected 0 px or more",
+        );
+        check(
+            |c| c.min_noise = -1.0,
+            "the minimum noise is -1 gray levels, expected 0 gray levels or more",
+        );
+        check(
+            |c| c.column_offset_ratio = -0.25,
+            "the ratio of the column offset is -0.25, expected 0 or more",
+        );
+        check(
+            |c| c.max_sigma_px = -2.0,
+            "the maximum sigma is -2 px, expected 0 px or more",
+        );
+        for radius_px in [0, 65, usize::MAX] {
+            let mut config = Config::preset(Preset::Accurate);
+            config.plane_radius_px = Some(radius_px);
+            let error = config.validate().expect_err("an invalid radius");
+            assert_eq!(
+                error.to_string(),
+                format!(
+                    "configuring a matcher: the radius of planes is {radius_px} px, \
+                     expected 1 to 64 px, or no planes"
+                )
+            );
+        }
+        // Limits that nothing exceeds are valid.
+        let mut config = Config::preset(Preset::Accurate);
+        (config.min_noise, config.min_row_offset_px) = (f64::INFINITY, f64::INFINITY);
+        (config.plane_radius_px, config.max_plane_step_px) = (Some(64), 0.0);
+        assert_eq!(config.validate(), Ok(()));
+        for preset in Preset::ALL {
+            assert_eq!(Config::preset(preset).validate(), Ok(()));
         }
     }
 }

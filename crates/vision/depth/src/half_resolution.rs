@@ -38,7 +38,8 @@ pub(crate) struct HalfResolution {
 const MAX_STEP_PX: f32 = 1.0;
 
 impl HalfResolution {
-    /// For images of `width` x `height` pixels; all other fields apply unchanged.
+    /// For images of `width` x `height` pixels. Sigmas of the configuration are px of these images,
+    /// and are converted; all other fields apply unchanged.
     ///
     /// # Errors
     /// [`DepthError::Config`], also if the images are too small to be halved.
@@ -56,6 +57,8 @@ impl HalfResolution {
             downsample: None,
             // A speckle of the same extent has fewer pixels.
             min_speckle_px: config.min_speckle_px / (by[0] * by[1]),
+            max_sigma_px: config.max_sigma_px / by[0] as f32,
+            column_offset_sigma_px: config.column_offset_sigma_px / by[0] as f32,
             ..config
         };
         Ok(Self {
@@ -80,7 +83,8 @@ impl HalfResolution {
         let averaged = ((by[0] * by[1]) as f64).sqrt();
         let of_means = PairProperties {
             noise: properties.noise.map(|noise| noise / averaged),
-            ..properties
+            // Only the sigma of the column offset depends on it, which is px of columns.
+            row_offset_px: properties.row_offset_px / by[0] as f64,
         };
         let [a, b] = &mut self.small;
         rayon::join(|| shrink(left, by, a), || shrink(right, by, b));
@@ -183,11 +187,12 @@ mod tests {
     use crate::config::Preset;
     use crate::reference::Random;
 
-    #[test]
-    fn wall_is_found_at_its_disparity() {
-        const WIDTH: usize = 161;
-        const HEIGHT: usize = 97;
-        const SHIFT: usize = 14;
+    const WIDTH: usize = 161;
+    const HEIGHT: usize = 97;
+    const SHIFT: usize = 14;
+
+    /// Images of a wall.
+    fn wall() -> [Vec<u8>; 2] {
         let mut random = Random(3);
         // Dots of 3x3 pixels: smaller ones do not survive the downsampling.
         let wide = WIDTH + SHIFT;
@@ -199,7 +204,12 @@ mod tests {
             let all = (0..HEIGHT).flat_map(|y| (0..WIDTH).map(move |x| (x, y)));
             all.map(|(x, y)| at(x + from, y)).collect()
         };
-        let (left, right) = (eye(0), eye(SHIFT));
+        [eye(0), eye(SHIFT)]
+    }
+
+    #[test]
+    fn wall_is_found_at_its_disparity() {
+        let [left, right] = wall();
         let left = ImageView::packed(WIDTH, HEIGHT, &left).unwrap();
         let right = ImageView::packed(WIDTH, HEIGHT, &right).unwrap();
         let band = Band::full(0, 32, HEIGHT).unwrap();
@@ -223,6 +233,77 @@ mod tests {
             let both = map.sigma.iter().zip(&map.disparity);
             assert!(both.clone().all(|(s, d)| s.is_nan() == d.is_nan()));
             assert_eq!(matcher.stats().at_end.len(), HEIGHT);
+        }
+    }
+
+    #[test]
+    fn sigmas_of_the_configuration_are_px_of_the_full_image() {
+        let [left, right] = wall();
+        let left = ImageView::packed(WIDTH, HEIGHT, &left).unwrap();
+        let right = ImageView::packed(WIDTH, HEIGHT, &right).unwrap();
+        let band = Band::full(0, 32, HEIGHT).unwrap();
+        let sigmas = |config: Config, downsample, row_offset_px: f64| {
+            let mut half_resolution =
+                HalfResolution::new(config, downsample, WIDTH, HEIGHT).unwrap();
+            let mut map = DisparityMap {
+                width: WIDTH,
+                height: HEIGHT,
+                disparity: vec![0.0; WIDTH * HEIGHT],
+                sigma: vec![0.0; WIDTH * HEIGHT],
+            };
+            let mut stats = MatchStats::default();
+            let properties = PairProperties {
+                noise: None,
+                row_offset_px,
+            };
+            let to = (&mut map, &mut stats);
+            half_resolution
+                .run(&left, &right, &band, properties, to)
+                .unwrap();
+            assert_eq!(stats.row_offset_px, row_offset_px);
+            map.sigma
+        };
+        for downsample in [Downsample::Rows, Downsample::Both] {
+            let own = Config {
+                column_offset_sigma_px: 0.0,
+                max_sigma_px: f32::INFINITY,
+                ..Config::preset(Preset::Fast)
+            };
+            let with_offset = Config {
+                column_offset_sigma_px: 0.3,
+                column_offset_ratio: 0.5,
+                ..own
+            };
+            let offset = sigmas(with_offset, downsample, 0.8);
+            let own_sigmas = sigmas(own, downsample, 0.0);
+            let mut known = 0;
+            for (own, whole) in own_sigmas.iter().zip(&offset) {
+                assert_eq!(own.is_nan(), whole.is_nan());
+                if own.is_nan() {
+                    continue;
+                }
+                known += 1;
+                let expected = (own * own + 0.3 * 0.3 + 0.4 * 0.4).sqrt();
+                assert!(
+                    (whole - expected).abs() < 1e-5,
+                    "{downsample:?}: {whole} {expected}"
+                );
+            }
+            assert!(known > WIDTH * HEIGHT / 2, "{downsample:?}: {known}");
+            // The limit applies to the sigma of the map.
+            let mut ascending: Vec<f32> = own_sigmas;
+            ascending.retain(|s| !s.is_nan());
+            ascending.sort_by(f32::total_cmp);
+            let most = ascending[ascending.len() / 2];
+            let expected = ascending.partition_point(|s| *s <= most);
+            assert!(expected < known, "{downsample:?}: {expected} of {known}");
+            let lower_limit = Config {
+                max_sigma_px: most,
+                ..own
+            };
+            let remaining = sigmas(lower_limit, downsample, 0.0);
+            assert!(remaining.iter().all(|s| s.is_nan() || *s <= most));
+            assert_eq!(remaining.iter().filter(|s| !s.is_nan()).count(), expected);
         }
     }
 

@@ -429,7 +429,6 @@ impl Matcher {
         let log = |near, correlation| model.neighborhood_log(near, correlation);
         self.neighborhood_logs.zip(near, correlation, log);
         let neighborhood_logs = &self.neighborhood_logs;
-        // No `hypot`: its result depends on the platform.
         let of_rows = config.column_offset_ratio * self.stats.row_offset_px as f32;
         let of_calibration = config.column_offset_sigma_px.powi(2) + of_rows * of_rows;
         let rows = self.map.disparity.par_chunks_exact_mut(width);
