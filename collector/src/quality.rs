@@ -13,6 +13,7 @@ use session_access::decode_check::DecodeCheck;
 use session_archive::manifest::{Camera, Manifest};
 use session_archive::verify::{Report, StreamReport};
 use session_health::{Finding, Limits, Unit, finding};
+use video::raw_image::coded_size;
 
 use crate::cadence::{Cadence, median, percentile_99_9};
 use crate::condition::Condition;
@@ -158,46 +159,55 @@ impl Evaluator<'_> {
         self.calibration_size(camera, &eyes);
     }
 
-    /// Difference between the size of the images and that of their calibration, pixels. Left out
+    /// Difference between the size of the images and that of their calibration, pixels, and eyes
+    /// with padded images, which reconstruction reads as images of the calibrated size. Left out
     /// without calibration.
     fn calibration_size(&mut self, camera: &Camera, eyes: &[String]) {
         let (width, height) = (camera.width / 2, camera.height);
-        let sized = eyes.iter().filter_map(|eye| {
-            let calibration = self.stats.calibrations.get(eye)?;
-            let difference = [
-                calibration.width.abs_diff(width),
-                calibration.height.abs_diff(height),
-            ];
-            let largest = difference.into_iter().max().unwrap_or_default();
-            let text = format!("{eye} {}x{}", calibration.width, calibration.height);
-            Some((largest, text))
-        });
-        let sized: Vec<_> = sized.collect();
-        let Some(largest) = sized.iter().map(|(difference, _)| *difference).max() else {
+        let (mut largest, mut with_padding, mut wrong) = (None, Vec::new(), Vec::new());
+        for eye in eyes {
+            let Some(calibration) = self.stats.calibrations.get(eye) else {
+                continue;
+            };
+            let (columns, rows) = (calibration.width, calibration.height);
+            let difference = columns.abs_diff(width).max(rows.abs_diff(height));
+            let text = format!("{eye} {columns}x{rows}");
+            // Padding is one pixel at most. A size in a file may be too large to be rounded up.
+            let difference = match difference {
+                0 => 0,
+                1 if coded_size(columns, rows) == (width, height) => {
+                    with_padding.push(text);
+                    0
+                }
+                _ => {
+                    wrong.push(text);
+                    difference
+                }
+            };
+            largest = largest.max(Some(difference));
+        }
+        let Some(largest) = largest else {
             return;
         };
-        let wrong = sized.iter().filter(|(difference, _)| *difference > 0);
-        let wrong: Vec<&str> = wrong.map(|(_, text)| text.as_str()).collect();
-        let detail = match largest {
-            0 => String::new(),
-            1 => format!(
-                "{}, expected {width}x{height}: odd sizes were padded; reconstruction reads them",
-                wrong.join(", ")
-            ),
-            _ => format!(
+        let detail = match wrong.is_empty() {
+            true => String::new(),
+            false => format!(
                 "{}, expected {width}x{height}; remedy: a calibration for images of this size, {}",
                 wrong.join(", "),
                 command_line::remedy::after_recording()
             ),
         };
-        let name = &camera.name;
-        self.find(
-            "camera.calibration_size",
-            name,
-            largest.into(),
-            0.0,
-            &detail,
-        );
+        let (metric, name) = ("camera.calibration_size", &camera.name);
+        self.find(metric, name, largest.into(), 0.0, &detail);
+        let detail = match with_padding.is_empty() {
+            true => String::new(),
+            false => format!(
+                "{}, images {width}x{height}: the last row or column is repeated; reconstruction reads them",
+                with_padding.join(", ")
+            ),
+        };
+        let (metric, count) = ("camera.calibration_padding", with_padding.len());
+        self.find(metric, name, count as f64, 0.0, &detail);
     }
 
     /// Time offset between left and right images. Left out if one device delivers both.

@@ -402,17 +402,6 @@ fn unreliable_clocks_and_missing_calibration_warn() {
         s.calibrations.remove("feet/right");
     });
     expect(&found, &[(Warn, "camera.calibration", "feet")]);
-    // Padded odd images with the calibration of unpadded ones, as recorders of before wrote them.
-    let sized = |width: u32, height: u32| {
-        beyond(2.0, move |s| {
-            let calibration = s.calibrations.get_mut("feet/right").unwrap();
-            (calibration.width, calibration.height) = (width, height);
-        })
-    };
-    let of_size = |verdict| [(verdict, "camera.calibration_size", "feet")];
-    expect(&sized(63, 48), &of_size(Warn));
-    expect(&sized(64, 47), &of_size(Warn));
-    expect(&sized(1344, 376), &of_size(Fail));
     let found = beyond(2.0, |s| s.transforms = None);
     expect(&found, &[(Warn, "rig.transforms", "rig")]);
     let without = |child: &'static str| {
@@ -425,6 +414,61 @@ fn unreliable_clocks_and_missing_calibration_warn() {
     expect(&without("feet/left"), &[(Warn, "rig.transforms", "rig")]);
     let found = beyond(2.0, |s| s.sets.clear());
     expect(&found, &[(Warn, "rig.frame_sets", "rig")]);
+}
+
+#[test]
+fn calibrations_of_other_sizes_fail_and_padding_warns() {
+    // Images of this size with a calibration of another one.
+    let check_sizes = |images: [u32; 2], calibration: [u32; 2]| {
+        beyond(2.0, move |s| {
+            let camera = s.spec.cameras.iter_mut().find(|c| c.name == "feet");
+            let camera = camera.unwrap();
+            (camera.width, camera.height) = (2 * images[0], images[1]);
+            for (eye, size) in [("left", images), ("right", calibration)] {
+                let calibration = s.calibrations.get_mut(&format!("feet/{eye}")).unwrap();
+                [calibration.width, calibration.height] = size;
+            }
+        })
+    };
+    for size in [[64, 48], [63, 47]] {
+        expect(&check_sizes(size, size), &[]);
+    }
+    // Images with a repeated last row or column, or both, and the calibration without it.
+    let padding = [(Warn, "camera.calibration_padding", "feet")];
+    for calibration in [[63, 48], [64, 47], [63, 47]] {
+        expect(&check_sizes([64, 48], calibration), &padding);
+    }
+    let other_size = [(Fail, "camera.calibration_size", "feet")];
+    for (images, calibration) in [
+        ([64, 48], [1344, 376]),
+        // One pixel, but no padding: the calibration is the larger one, or of even size.
+        ([64, 48], [65, 48]),
+        ([64, 48], [64, 49]),
+        ([63, 48], [64, 48]),
+        ([63, 48], [62, 48]),
+        ([64, 48], [63, 49]),
+        ([64, 48], [u32::MAX, 48]),
+    ] {
+        expect(&check_sizes(images, calibration), &other_size);
+    }
+}
+
+#[test]
+fn calibration_of_another_size_names_the_remedy() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut session = Session::good(2.0);
+    session.calibrations.get_mut("feet/right").unwrap().width = 65;
+    session.write(folder.path());
+    let findings = validated(folder.path()).validation.findings;
+    let is_size = |f: &&session_health::Finding| f.metric == "camera.calibration_size";
+    let found = findings.iter().filter(is_size).find(|f| f.verdict == Fail);
+    let text = &found.unwrap().text;
+    for part in [
+        "pixels: 1 (feet/right 65x48, expected 64x48; remedy: a calibration for images of this size",
+        "`paws calib cameras BOARDS --target board.toml --out calibration`",
+    ] {
+        assert!(text.contains(part), "no {part} in {text}");
+    }
 }
 
 #[test]
