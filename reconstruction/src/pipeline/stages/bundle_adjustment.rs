@@ -10,6 +10,8 @@
 
 use ::odometry::mapping::{Connectivity, OdomPose, Progress, RefinedStereo, interpolate_poses};
 use ::odometry::{ImuSample, Mapping, Refined};
+use cad_transforms::{Covariance, RigidTransform};
+use nalgebra::SMatrix;
 use scene_bundle::outputs::rig::{RigCamera, RigImu, RigModel};
 use scene_bundle::outputs::trajectory::TrajectoryWriter;
 use scene_bundle::outputs::{
@@ -35,7 +37,7 @@ impl Stage<Input> for BundleAdjustmentStage {
     }
 
     fn version(&self) -> u32 {
-        11
+        12
     }
 
     fn inputs(&self) -> &'static [&'static str] {
@@ -136,8 +138,37 @@ fn refined_rig(mut rig: RigModel, adjusted: &Refined, work: &Work<'_, Input>) ->
         ));
         (camera.right, camera.right_from_left) =
             stereo.corrected(&camera.right, &camera.right_from_left);
+        camera.right_from_left_covariance = stereo_covariance(stereo, &camera.right_from_left);
     }
     rig
+}
+
+/// Covariance of estimated extrinsics between the eyes, of a small motion of the left optical frame
+/// in its own axes.
+///
+/// The estimate is a rotation of the right eye about its own origin and the length of the baseline;
+/// the direction of the baseline, which acts as such a rotation, has no component of its own. The
+/// left eye thus moves across the baseline only with the rotation.
+fn stereo_covariance(
+    stereo: &RefinedStereo,
+    right_from_left: &RigidTransform,
+) -> Option<Covariance> {
+    let left_from_right = right_from_left.rotation().inverse().to_rotation_matrix();
+    let baseline = right_from_left.translation();
+    let lever_arm = -baseline.cross_matrix();
+    let mut by_error = SMatrix::<f64, 6, 4>::zeros();
+    by_error
+        .fixed_view_mut::<3, 3>(0, 0)
+        .copy_from(&(left_from_right * lever_arm));
+    by_error
+        .fixed_view_mut::<3, 1>(0, 3)
+        .copy_from(&(left_from_right * baseline));
+    by_error
+        .fixed_view_mut::<3, 3>(3, 0)
+        .copy_from(left_from_right.matrix());
+    let of_error = stereo.covariance.fixed_view::<4, 4>(0, 0);
+    let covariance = by_error * of_error * by_error.transpose();
+    before::covariance(&(0.5 * (covariance + covariance.transpose())))
 }
 
 /// Estimated error of a stereo calibration with its sigmas, for people.
@@ -219,4 +250,75 @@ fn imu_samples(
         Ok(samples.iter().map(ImuSample::from).collect())
     };
     model.imus.iter().map(of_imu).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use camera_models::{CameraModel, Distortion};
+    use nalgebra::{SVector, Vector3};
+
+    use super::*;
+
+    fn estimate(error: [f64; 7], covariance: SMatrix<f64, 7, 7>) -> RefinedStereo {
+        RefinedStereo {
+            error,
+            covariance,
+            is_significant: true,
+        }
+    }
+
+    /// The covariance of one direction of the error is that of the motion that it causes.
+    #[test]
+    fn stereo_covariance_is_that_of_motions_of_the_left_eye() {
+        let lens = CameraModel::new((672, 376), [350.0, 350.0, 335.5, 187.5], Distortion::None);
+        let nominal =
+            RigidTransform::from_rotation_vector([0.02, -0.5, 0.1], [-0.06, 0.004, -0.01]).unwrap();
+        let extrinsics = |error| {
+            let estimate = estimate(error, SMatrix::zeros());
+            estimate.corrected(&lens, &nominal).1
+        };
+        // The Jacobian, as that of the estimator, is of a small rotation.
+        let error = [2e-5, -1e-5, 3e-5, 0.02, -0.01, 0.004, 0.0];
+        let right_from_left = extrinsics(error);
+        for direction in [
+            [1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0],
+            [0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0],
+            [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0],
+            [0.6, -0.3, 0.8, 2.0, 1.0, -1.0, 3.0],
+        ] {
+            let step = 1e-5;
+            let error: [f64; 7] = std::array::from_fn(|k| error[k] + step * direction[k]);
+            // `right_from_left * motion` is the extrinsics with the other error.
+            let motion = right_from_left.inverse() * extrinsics(error);
+            let motion = [motion.translation_m(), motion.rotation_vector()].concat();
+            let direction = SVector::from(direction);
+            let covariance = direction * direction.transpose();
+            let covariance = stereo_covariance(&estimate(error, covariance), &right_from_left);
+            let covariance = covariance.expect("it is one");
+            for (i, j) in (0..6).flat_map(|i| (0..6).map(move |j| (i, j))) {
+                let expected = motion[i] * motion[j] / (step * step);
+                let found = covariance.matrix()[(i, j)];
+                assert!((found - expected).abs() < 1e-4, "{found} {expected}");
+            }
+        }
+    }
+
+    /// Odometry reads the sigmas of rotation and baseline that the bundle adjustment has found.
+    #[test]
+    fn stereo_covariance_states_the_sigmas_of_rotation_and_baseline() {
+        let sigmas = [1e-4, 3e-4, 2e-4, 2e-3, 1e-3, 1e-3, 5e-3];
+        let covariance = SMatrix::from_diagonal(&SVector::from(sigmas.map(|s: f64| s * s)));
+        let right_from_left = RigidTransform::from_translation_m([-0.06, 0.002, 0.001]).unwrap();
+        let covariance_of_left =
+            stereo_covariance(&estimate([0.0; 7], covariance), &right_from_left);
+        let covariance_of_left = covariance_of_left.expect("it is one");
+        for (k, sigma) in sigmas.iter().enumerate().take(3) {
+            assert!((covariance_of_left.sigmas()[3 + k] - sigma).abs() < 1e-12);
+        }
+        let baseline = Vector3::from(right_from_left.inverse().translation_m());
+        let along = baseline.normalize();
+        let translation = covariance_of_left.matrix().fixed_view::<3, 3>(0, 0);
+        let variance = (along.transpose() * translation * along)[0];
+        assert!((variance.sqrt() / baseline.norm() - sigmas[3]).abs() < 1e-12);
+    }
 }

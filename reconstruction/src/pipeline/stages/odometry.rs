@@ -41,7 +41,7 @@ impl Stage<Input> for OdometryStage {
     }
 
     fn version(&self) -> u32 {
-        12
+        13
     }
 
     fn inputs(&self) -> &'static [&'static str] {
@@ -154,9 +154,7 @@ fn imu_notes<'a>(uses: &'a [ImuUse], model: &'a RigModel) -> impl Iterator<Item 
         let (name, time_ns) = (&model.imus[used.imu].name, used.time_ns);
         match k {
             0 => format!("IMU {name} is used at the start, at {time_ns} ns"),
-            _ => format!(
-                "IMU {name} is used from {time_ns} ns on: the one before had no more samples"
-            ),
+            _ => format!("IMU {name} is used from {time_ns} ns on: the one before was silent"),
         }
     })
 }

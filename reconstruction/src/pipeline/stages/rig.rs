@@ -354,8 +354,9 @@ fn imu_coverage_s(imu: &ImuIndex) -> f64 {
     batches.map(|b| (b.end_ns - b.start_ns) as f64 * 1e-9).sum()
 }
 
-/// The odometry uses the first IMU: one with less coverage of the session than another comes after
-/// it. Otherwise the order of the rig is kept.
+/// The odometry uses the first IMU that has samples, and another one only when that is silent: an
+/// IMU with less coverage of the session than another comes after it. Otherwise the order of the
+/// rig is kept.
 fn order_by_coverage(
     imus: &mut [RigImu],
     imu_coverage_s: &BTreeMap<&str, f64>,
@@ -374,7 +375,7 @@ fn order_by_coverage(
     imus.sort_by_key(|imu| of(imu) < MIN_IMU_COVERAGE * most);
     if imus[0].name != first {
         report.notes.push(format!(
-            "IMU {} has samples for {:.1} s and {first} for {:.1} s: the former is used for odometry",
+            "IMU {} has samples for {:.1} s and {first} for {:.1} s: the odometry prefers the former",
             imus[0].name,
             of(&imus[0]),
             imu_coverage_s.get(first.as_str()).copied().unwrap_or(0.0)
