@@ -244,6 +244,44 @@ fn right_eyes_rotated_about_x_give_no_silently_wrong_pose() {
     });
 }
 
+/// Two cameras whose right eyes are rotated about y, as by 1.2 px of disparity at infinity.
+#[test]
+fn right_eyes_rotated_about_y_are_estimated_and_reported() {
+    let settings = WalkSettings {
+        quality: Quality::FAST,
+        cameras: ["left_shoulder", "right_shoulder"]
+            .map(str::to_owned)
+            .to_vec(),
+        ..WalkSettings::new(Kind::Pavement, Lighting::Day, 21, 20.0)
+    };
+    let angles = [0.2_f64.to_radians(), -0.15_f64.to_radians()];
+    let sequence = walk(&settings).expect("a walk").first(105);
+    let sequence = sequence.with_nominal_rig(|rig| {
+        for (camera, angle) in rig.cameras.iter_mut().zip(angles) {
+            let turn = RigidTransform::from_rotation_vector([0.0, angle, 0.0], [0.0; 3]);
+            camera.right_from_left = turn.expect("finite") * camera.right_from_left;
+            camera.right_from_left_covariance = None;
+        }
+    });
+    let truth = tracking::truth(&sequence).expect("rising times");
+    let tracking = track(&sequence, balanced(), true).expect("poses");
+    let causal = evaluated(tracking.causal(), &truth);
+    let refined = tracking.refine().expect("poses").expect("with mapping");
+    for of in [causal, evaluated(&refined.trajectory, &truth)] {
+        let consistency = of.consistency.as_ref().expect("covariances");
+        assert_eq!(consistency.silently_wrong, 0, "{consistency:?}");
+        // Without an estimate distances of 10 m are 30 % wrong.
+        assert!(percent(&of) < 2.0, "{}", percent(&of));
+    }
+    for (stereo, angle) in refined.stereo.iter().zip(angles) {
+        let (error, sigma) = (stereo.error[1], stereo.sigmas()[1]);
+        println!("{error} rad, sigma {sigma} rad, truth {}", -angle);
+        assert!(stereo.is_significant, "{stereo:?}");
+        assert!((error + angle).abs() < 3.0 * sigma, "{error} {sigma}");
+        assert!((error + angle).abs() < 0.5 * angle.abs(), "{error}");
+    }
+}
+
 /// One of these poses was lost when twelve corners were required.
 #[test]
 fn walk_on_weak_texture_without_imu_is_tracked_from_its_start() {
