@@ -34,7 +34,7 @@ fn odometry(text: &mut String, of: &Value) {
     let _ = write!(
         text,
         "## Odometry\n\n\
-         NEES is over its dimensions, 1 is right; *silently wrong* are tracked poses beyond three stated sigmas. Only keyframes of adjusted poses have sigmas.\n\n\
+         NEES is over its dimensions, 1 is right; *silently wrong* are tracked poses beyond three stated sigmas.\n\n\
          | preset | | right eye, ° | poses | {HEAD} |\n|---|---|---|---|{RULE}|\n"
     );
     for row in rows(of) {

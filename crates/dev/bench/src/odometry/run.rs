@@ -303,10 +303,7 @@ fn work(order: &RunRequest) -> Result<Answer> {
                 .map(|(camera, _)| camera.name.clone())
                 .collect(),
             stereo: (adjusted.stereo.iter())
-                .map(|stereo| {
-                    let sigma = |k: usize| stereo.covariance[(k, k)].sqrt();
-                    [stereo.error, std::array::from_fn(sigma)]
-                })
+                .map(|stereo| [stereo.error, stereo.sigmas()])
                 .collect(),
             figures: Figures::of(&adjusted.trajectory, &truth)?,
         }),

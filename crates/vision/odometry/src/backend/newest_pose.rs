@@ -180,11 +180,11 @@ pub(crate) fn refine_newest(
     let sigma = config.observation_sigma_px;
     let observations = newest_observations(window, uses_camera);
     // Without measured specific force the guess may have a large error.
-    let preintegrated = window.frames[last]
+    let has_gravity = window.frames[last]
         .motion
         .as_ref()
         .is_some_and(|m| m.has_gravity);
-    let reach: &[f64] = if preintegrated {
+    let reach: &[f64] = if has_gravity {
         &config.newest_pose.tukey_sigma
     } else {
         &config.newest_pose.tukey_sigma_without_imu

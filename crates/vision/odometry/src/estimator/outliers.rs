@@ -82,11 +82,11 @@ impl Odometry {
         let number = self.number;
         let last = window.frames.len() - 1;
         window.frames[last].state = guess;
-        let preintegrated = window.frames[last]
+        let has_gravity = window.frames[last]
             .motion
             .as_ref()
             .is_some_and(|m| m.has_gravity);
-        let is_connected = preintegrated && !self.is_lost;
+        let is_connected = has_gravity && !self.is_lost;
         if is_connected {
             for landmark in window.landmarks.values_mut() {
                 landmark.observations.retain(|(n, _)| *n != number);
