@@ -5,7 +5,7 @@
 //! points from the camera to the world, in OpenGL's axes (x right, y up, z backward). `OPENCV` has
 //! k1 k2 k3 p1 p2 (a k4 is rejected: it is a term in r⁸ that no model here has), `OPENCV_FISHEYE`
 //! k1 to k4. A missing coefficient is 0, a missing `fl_y` is `fl_x`, a missing principal point is
-//! the image centre. Coefficients that the model does not have must be 0.
+//! the image center. Coefficients that the model does not have must be 0.
 //!
 //! A file whose two frames are called `left` and `right` is a stereo camera, and the frames' poses,
 //! in metres, are its extrinsics; this is how a pair is written. Intrinsics missing in a frame are
@@ -154,14 +154,14 @@ fn camera(frame: &At<'_>, root: &At<'_>, notes: &mut Vec<Note>) -> Result<Camera
         (None, None) => need("fl_x")?.number()?,
     };
     let fy = find("fl_y").map_or(Ok(fx), |at| at.number())?;
-    let mut centre = |key: &str, size: u32| match find(key) {
+    let mut center = |key: &str, size: u32| match find(key) {
         Some(at) => at.number(),
         None => {
-            notes.push(Note(format!("no {key}: the image centre is taken")));
+            notes.push(Note(format!("no {key}: the image center is taken")));
             Ok(0.5 * f64::from(size))
         }
     };
-    let (cx, cy) = (centre("cx", width)?, centre("cy", height)?);
+    let (cx, cy) = (center("cx", width)?, center("cy", height)?);
     let model = match find("camera_model") {
         Some(at) => at.one_of(&["OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "OPENCV_FISHEYE"])?,
         None if find("is_fisheye").is_some_and(|at| at.text().is_ok_and(|t| t == "true")) => {

@@ -3,7 +3,7 @@
 //! Contract: a pair shows the row offset of its matches, and a matcher that compares rows loses
 //! accuracy and matches with it: a quarter of a pixel doubles the errors of more than 1 px on
 //! Motorcycle (Middlebury 2014). The offset is estimated as a polynomial of the place in the right
-//! image (a rotation, another focal length and decentring of a lens are of second order), from
+//! image (a rotation, another focal length and decentering of a lens are of second order), from
 //! blocks with texture, robustly, and the right image is resampled where it is significant.
 //! Otherwise no pixel changes. Of the same error along the rows, which is an error of the disparity,
 //! the pair shows the part of a roll, which is corrected; the sigma model has a term for the rest.
@@ -352,7 +352,7 @@ mod tests {
     }
 
     #[test]
-    fn offset_of_a_decentred_lens_is_estimated_and_corrected() {
+    fn offset_of_a_decentered_lens_is_estimated_and_corrected() {
         let offset = |[x, y]: [f64; 2]| {
             let [x, y] = [x / 160.0 - 1.0, y / 120.0 - 1.0];
             0.25 + 0.9 * x * y

@@ -177,7 +177,7 @@ fn stereo_error(camera: &RigCamera, stereo: &RefinedStereo) -> String {
     let each = |k: usize, unit: f64| format!("{:.2} ± {:.2}", unit * error[k], unit * sigmas[k]);
     let degrees = 1.0_f64.to_degrees();
     format!(
-        "rotation {}, {}, {} degrees about x, y, z, baseline {} %, focal length {} %, principal point {} px, decentring across epipolar lines {}e-3",
+        "rotation {}, {}, {} degrees about x, y, z, baseline {} %, focal length {} %, principal point {} px, decentering across epipolar lines {}e-3",
         each(0, degrees),
         each(1, degrees),
         each(2, degrees),

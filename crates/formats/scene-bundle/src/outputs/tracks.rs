@@ -77,7 +77,7 @@ pub struct TrackedKeyframe {
     pub exposure_offset_s: Vec<f64>,
     /// Estimated error of each camera's stereo calibration: rotation of the right eye about its x,
     /// y and z axes, rad; baseline, relative; focal length, relative; principal point along x, in
-    /// focal lengths; decentring. At most [`MAX_CAMERAS`] values.
+    /// focal lengths; decentering. At most [`MAX_CAMERAS`] values.
     pub stereo_errors: Vec<[f64; STEREO_DIM]>,
     /// Observations of tracked features.
     pub observations: Vec<StereoObservation>,

@@ -100,7 +100,7 @@ config! {
         /// Of a lens with a factory file.
         pub factory_lens: FactoryPriorConfig = FactoryPriorConfig::default(),
         /// Sigma of tangential coefficients that a model without them gets back. Source: their size
-        /// in the factory files at hand. Lower puts decentring into the rotation between the eyes.
+        /// in the factory files at hand. Lower puts decentering into the rotation between the eyes.
         pub tangential_sigma: f64 = 3e-4,
         /// Added uncertainty of a factory `left_from_right`, m and rad. Lower keeps the error of a
         /// camera that was dropped or warmed up.

@@ -113,7 +113,7 @@ config! {
         pub rotation_sigma_rad: f64 = 0.05,
         /// Prior sigma of the right eye's centre normal to the baseline, over the baseline. Larger
         /// makes near points useless.
-        pub centre_sigma_ratio: f64 = 5e-3,
+        pub center_sigma_ratio: f64 = 5e-3,
         /// Prior sigma of the difference between the lenses: focal length (relative), `k1`, `p1`,
         /// `p2`. Rows alone determine yaw to twice that. Lower takes a lens for a yaw. Source: the
         /// rectified images of `KITTI_sequence_1`, whose rows differ by a `p2` of 5e-3.

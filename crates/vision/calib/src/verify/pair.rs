@@ -3,7 +3,7 @@
 //! With the right eye rotated by a small `w` about its own centre, and that centre displaced by `d`
 //! normal to the baseline, `x_in_right = exp(w) (R x_in_left + t + d)`. The projection then differs
 //! from the nominal one by the difference between the two lenses: focal length, radial distortion
-//! and decentring, linear in their parameters (Brown 1966). It has separate parameters across
+//! and decentering, linear in their parameters (Brown 1966). It has separate parameters across
 //! epipolar lines and along them, because what real rectified images deviate by in rows does not
 //! tell what they deviate by in disparity. The length of the baseline is not an unknown: without a
 //! known distance it is not observable.
@@ -122,14 +122,14 @@ impl StereoPair {
             let off = Vector2::from(right) - Vector2::from(projected.pixel);
             let step = along.dot(&(off - by_lens * along_lens)) / px_per;
             if round == 6 || step.abs() < 1e-7 {
-                let by_centre = (self.turn * self.nominal_turn.inverse()).to_rotation_matrix()
+                let by_center = (self.turn * self.nominal_turn.inverse()).to_rotation_matrix()
                     * self.across
                     * per_metre;
                 let mut by = SMatrix::<f64, 2, STEREO_PARAMETERS>::zeros();
                 by.fixed_columns_mut::<3>(0)
                     .copy_from(&(-projected.by_point * point.cross_matrix()));
                 by.fixed_columns_mut::<2>(3)
-                    .copy_from(&(projected.by_point * by_centre));
+                    .copy_from(&(projected.by_point * by_center));
                 let across = RowVector2::new(-along.y, along.x);
                 let mut epipolar_by = across * by;
                 let mut along_by = along.transpose() * by;

@@ -4,7 +4,7 @@
 //!
 //! - *Epipolar errors* of matches. Pitch moves all rows equally, roll moves rows left and right
 //!   oppositely, a displaced centre moves those of near points. Yaw moves rows in the corners only,
-//!   exactly as a decentred lens does: rows alone determine it no better than the lens
+//!   exactly as a decentered lens does: rows alone determine it no better than the lens
 //!   ([`StereoConfig::lens_sigma`]).
 //! - *Parallax* between frames ([`Parallax`]), which determines the disparity at infinity, and with
 //!   it yaw, as far as the camera moves and observes near and far points.
@@ -219,7 +219,7 @@ fn matches(pair: &StereoPair, bursts: &[Burst]) -> Vec<Match> {
 /// Prior sigmas of the unknowns.
 fn prior(nominal: &StereoCalibration, config: &StereoConfig) -> SVector<f64, STEREO_PARAMETERS> {
     let turn = config.rotation_sigma_rad;
-    let centre = config.centre_sigma_ratio * nominal.right_from_left.distance_m();
+    let centre = config.center_sigma_ratio * nominal.right_from_left.distance_m();
     let lens = config.lens_sigma;
     SVector::from_fn(|k, _| match k {
         0..3 => turn,

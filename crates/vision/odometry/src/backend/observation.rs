@@ -90,10 +90,10 @@ impl Camera {
     }
 
     /// A point in the left frame, scaled by its inverse range, in the frame of the right eye, with
-    /// the decentring. Of its bearings there, see [`StereoGeometry::seen_by_lens`].
+    /// the decentering. Of its bearings there, see [`StereoGeometry::seen_by_lens`].
     pub(crate) fn in_right(&self, x: &Vector3<f64>, rho: f64) -> Vector3<f64> {
         let (rotation, origin) = &self.right_from_left;
-        self.stereo.decentre(rotation * x + origin * rho)
+        self.stereo.decenter(rotation * x + origin * rho)
     }
 
     /// Pixel in the right image of a point in the left frame, scaled by its inverse range.
@@ -116,7 +116,7 @@ impl Camera {
         // Perpendicular to the right ray: basis (ray + rho origin) = 0.
         let (a, b) = (right.basis * origin, right.basis * ray);
         let rho = -a.dot(&b) / a.norm_squared();
-        let x = self.stereo.decentre(ray + origin * rho);
+        let x = self.stereo.decenter(ray + origin * rho);
         (rho, (right.basis * x / x.norm()).norm())
     }
 

@@ -192,7 +192,7 @@ pub(super) fn residuals(
         let (rotation, origin) = &camera.right_from_left;
         let point = camera.in_right(x, rho);
         let right = camera.stereo.seen_by_lens(right);
-        // The decentring changes Jacobians by less than a hundredth.
+        // The decentering changes Jacobians by less than a hundredth.
         let Some((residual, by)) = right.residual(&point) else {
             return saturated(&right);
         };

@@ -2,11 +2,11 @@
 //!
 //! The error of the right eye against the left one has seven components: `[rotation of the right
 //! eye about its x, y and z axes, rad; baseline, relative; focal length, relative; principal point
-//! along x, in focal lengths; decentring]`. A vertical offset of the principal point acts as a
+//! along x, in focal lengths; decentering]`. A vertical offset of the principal point acts as a
 //! rotation about x, and a direction of the baseline as a rotation of the eye, to a hundredth of a
 //! pixel for points beyond a metre.
 //!
-//! The decentring is the coefficient `p2` of the right lens minus that of the left one (Brown
+//! The decentering is the coefficient `p2` of the right lens minus that of the left one (Brown
 //! 1966), where it acts across epipolar lines. There it equals a rotation about y, so that rows,
 //! which lenses distort by more than a calibration states, do not determine that rotation.
 //!
@@ -28,9 +28,9 @@ pub(crate) const STEREO_DIM: usize = 7;
 const BASELINE: usize = 3;
 const FOCAL: usize = 4;
 const PRINCIPAL_POINT: usize = 5;
-const DECENTRING: usize = 6;
+const DECENTERING: usize = 6;
 
-/// Maximum tangent of the angle from the axis at which the decentring is evaluated.
+/// Maximum tangent of the angle from the axis at which the decentering is evaluated.
 const MAX_TANGENT: f64 = 2.5;
 
 /// Error of a stereo calibration.
@@ -59,7 +59,7 @@ impl StereoGeometry {
 
     /// Map from a point in the left frame, scaled by its inverse range, and that inverse range to
     /// the point in the frame of the right eye: `rotation x + origin rho`. Errors of the lens are
-    /// not in it, see [`Self::decentre`] and [`Self::seen_by_lens`].
+    /// not in it, see [`Self::decenter`] and [`Self::seen_by_lens`].
     pub(crate) fn right_from_left(&self) -> (Matrix3<f64>, Vector3<f64>) {
         let turn = so3::exp(self.error.fixed_rows::<3>(0).into_owned());
         let turn = turn.to_rotation_matrix().into_inner();
@@ -98,9 +98,9 @@ impl StereoGeometry {
         ]
     }
 
-    /// Applies the decentring to a point in the frame of the right eye.
-    pub(crate) fn decentre(&self, point: Vector3<f64>) -> Vector3<f64> {
-        let across = self.error[DECENTRING] * decentring_per_unit(&point);
+    /// Applies the decentering to a point in the frame of the right eye.
+    pub(crate) fn decenter(&self, point: Vector3<f64>) -> Vector3<f64> {
+        let across = self.error[DECENTERING] * decentering_per_unit(&point);
         Vector3::new(point.x, point.y + across, point.z)
     }
 
@@ -121,14 +121,14 @@ impl StereoGeometry {
         by.set_column(BASELINE, &(origin * rho));
         by.set_column(FOCAL, &(bearing.by_focal * along));
         by.set_column(PRINCIPAL_POINT, &(bearing.by_principal_point * along));
-        let decentring = decentring_per_unit(point);
-        by.set_column(DECENTRING, &Vector3::new(0.0, decentring, 0.0));
+        let decentering = decentering_per_unit(point);
+        by.set_column(DECENTERING, &Vector3::new(0.0, decentering, 0.0));
         by
     }
 }
 
-/// Motion of a point along y per unit of decentring: `2 x y` at a depth of 1.
-fn decentring_per_unit(point: &Vector3<f64>) -> f64 {
+/// Motion of a point along y per unit of decentering: `2 x y` at a depth of 1.
+fn decentering_per_unit(point: &Vector3<f64>) -> f64 {
     let depth = point.z.max(point.xy().norm() / MAX_TANGENT);
     if depth > 0.0 {
         2.0 * point.x * point.y / depth
@@ -155,7 +155,7 @@ pub(crate) fn prior_information(config: &BackendConfig, cameras: &[StereoCamera]
         stereo.baseline_sigma,
         stereo.focal_sigma,
         stereo.principal_point_sigma,
-        stereo.decentring_sigma,
+        stereo.decentering_sigma,
     ];
     let size = cameras.len() * STEREO_DIM;
     let mut covariance = DMatrix::zeros(size, size);
@@ -217,7 +217,7 @@ fn stated_sigmas(
         relative,
         config.stated_lens_floor,
         config.stated_lens_floor,
-        config.decentring_sigma,
+        config.decentering_sigma,
     ]
 }
 
@@ -278,7 +278,7 @@ mod tests {
                 residual(&moved, pixel, &x, rho)
             };
             let expected = (side(h) - side(-h)) / (2.0 * h);
-            // The Jacobian of the rotation is that of a small error, decentring and lens change the
+            // The Jacobian of the rotation is that of a small error, decentering and lens change the
             // derivative by the point little.
             assert!(
                 (by.column(k) - expected).amax() < 0.02 * expected.amax(),
@@ -365,19 +365,19 @@ mod tests {
     }
 
     #[test]
-    fn decentring_equals_a_rotation_about_y_in_rows_only() {
+    fn decentering_equals_a_rotation_about_y_in_rows_only() {
         let mut geometry = StereoGeometry::new((Matrix3::identity(), -0.06 * Vector3::x()));
-        geometry.error[DECENTRING] = 1e-3;
+        geometry.error[DECENTERING] = 1e-3;
         for (x, y) in [(0.4, 0.3), (-0.7, 0.2), (0.5, -0.5)] {
             let point = Vector3::new(x, y, 1.0);
-            let decentred = geometry.decentre(point);
+            let decentered = geometry.decenter(point);
             let turned = so3::exp(Vector3::new(0.0, 2e-3, 0.0)) * point;
-            assert!((decentred.y - turned.y / turned.z).abs() < 4e-6);
-            assert_eq!(decentred.xz(), point.xz());
+            assert!((decentered.y - turned.y / turned.z).abs() < 4e-6);
+            assert_eq!(decentered.xz(), point.xz());
         }
         // Its effect is bounded at a right angle.
-        assert!(decentring_per_unit(&Vector3::new(1.0, 1.0, 0.0)) < 4.0);
-        assert_eq!(decentring_per_unit(&Vector3::z()), 0.0);
+        assert!(decentering_per_unit(&Vector3::new(1.0, 1.0, 0.0)) < 4.0);
+        assert_eq!(decentering_per_unit(&Vector3::z()), 0.0);
     }
 
     #[test]

@@ -101,11 +101,11 @@ config! {
         pub focal_sigma: f64 = 3e-3,
         /// Principal point along the baseline, in focal lengths.
         pub principal_point_sigma: f64 = 2e-3,
-        /// Decentring of the right lens minus that of the left one (`p2`), across epipolar lines
+        /// Decentering of the right lens minus that of the left one (`p2`), across epipolar lines
         /// only, also where the calibration states its covariance. Lower takes the lenses for a
         /// rotation about y. Source: rows of the rectified pairs of `KITTI_sequence_1` differ by
         /// 5e-3.
-        pub decentring_sigma: f64 = 5e-3,
+        pub decentering_sigma: f64 = 5e-3,
         /// Correlation between cameras of one rig, which were made and calibrated alike: 0 or more,
         /// and below 1. With 0 three right eyes that are rotated by the same angle are taken for
         /// unlikely.

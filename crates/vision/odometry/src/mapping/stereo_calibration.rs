@@ -16,12 +16,12 @@ const CHI2_THREE_SIGMA: f64 = 20.062;
 pub struct RefinedStereo {
     /// Error of the right eye against the left one: rotation of the right eye about its x, y and z
     /// axes, rad; baseline, relative; focal length, relative; principal point along x, in focal
-    /// lengths; decentring of the right lens minus that of the left one (`p2` of OpenCV), which
+    /// lengths; decentering of the right lens minus that of the left one (`p2` of OpenCV), which
     /// acts across epipolar lines only.
     pub error: [f64; 7],
     /// Its covariance. What the walk does not determine has that of the calibration.
     pub covariance: SMatrix<f64, 7, 7>,
-    /// Whether the error without the decentring is larger than three sigmas of its covariance: the
+    /// Whether the error without the decentering is larger than three sigmas of its covariance: the
     /// calibration is wrong.
     pub is_significant: bool,
 }
@@ -67,7 +67,7 @@ impl RefinedStereo {
     }
 
     /// Corrected lens of the right eye and extrinsics between the eyes, from the nominal ones.
-    /// The decentring is not corrected, since its effect along epipolar lines is not known.
+    /// The decentering is not corrected, since its effect along epipolar lines is not known.
     ///
     /// ```
     /// # use cad_transforms::RigidTransform;
@@ -148,7 +148,7 @@ mod tests {
     fn error_within_its_sigmas_is_not_significant() {
         let refined = RefinedStereo::new(StereoVector::repeat(1e-4), SMatrix::identity() * 1e-8);
         assert!(!refined.is_significant);
-        // Nor is a decentring, which does not change the geometry.
+        // Nor is a decentering, which does not change the geometry.
         let mut error = StereoVector::zeros();
         error[6] = 5e-3;
         assert!(!RefinedStereo::new(error, SMatrix::identity() * 1e-8).is_significant);

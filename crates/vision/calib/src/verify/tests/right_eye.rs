@@ -94,10 +94,10 @@ fn right_eye(
     (found.findings[0].clone(), eyes)
 }
 
-/// The right lens decentred as the rows of `KITTI_sequence_1` look.
-const DECENTRED: Distortion = decentred(5e-3);
+/// The right lens decentered as the rows of `KITTI_sequence_1` look.
+const DECENTRED: Distortion = decentered(5e-3);
 
-const fn decentred(p2: f64) -> Distortion {
+const fn decentered(p2: f64) -> Distortion {
     Distortion::RadTan4 {
         k1: 0.0,
         k2: 0.0,
@@ -107,7 +107,7 @@ const fn decentred(p2: f64) -> Distortion {
 }
 
 #[test]
-fn decentred_lens_is_not_taken_for_a_rotation() {
+fn decentered_lens_is_not_taken_for_a_rotation() {
     let (nominal, bursts) = drive(DECENTRED, 0.0, 10);
     for degrees in [0.0, 0.1, 0.3] {
         let (finding, eyes) = right_eye(&nominal, &bursts, [0.0, degrees, 0.0]);
@@ -129,7 +129,7 @@ fn rotation_of_a_right_eye_is_within_three_sigmas() {
         p1: 2e-3,
         p2: 0.0,
     };
-    let lenses = [Distortion::None, DECENTRED, decentred(-3e-3), radial];
+    let lenses = [Distortion::None, DECENTRED, decentered(-3e-3), radial];
     for (seed, lens) in (20..).zip(lenses) {
         for turn in [0.0, 0.05] {
             let (nominal, bursts) = drive(lens, turn, seed);

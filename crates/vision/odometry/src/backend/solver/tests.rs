@@ -243,7 +243,7 @@ fn newest_pose_depends_on_the_stereo_calibration_as_its_derivative_says() {
     let estimate = |window: &mut Window| refine_newest(window, &start_covariance(), 8, |_| true);
     let information = estimate(&mut exact).expect("hundreds of observations determine the pose");
     let derivative = pose_by_stereo(&exact, &information).expect("a derivative");
-    // The decentring, which is last, hardly changes inverse ranges.
+    // The decentering, which is last, hardly changes inverse ranges.
     for component in 0..STEREO_DIM - 1 {
         let mut error = StereoVector::zeros();
         error[component] = 2e-5;
