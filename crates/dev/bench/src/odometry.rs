@@ -37,6 +37,7 @@ mod plain;
 mod real;
 mod results;
 mod run;
+pub(crate) mod scale;
 mod settings;
 mod stereo_deviation;
 mod sweeps;
