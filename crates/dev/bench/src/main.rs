@@ -82,6 +82,7 @@ const BENCHMARKS: &[(&str, Run)] = &[
     ("odometry_encoding", odometry::encoding::run),
     ("odometry_faults", odometry::faults::run),
     ("odometry_length", odometry::length::run),
+    ("odometry_monte_carlo", odometry::monte_carlo::run),
     ("odometry_scale", odometry::scale::run),
     ("power_cuts", power_cuts::run),
     ("rectify", rectify::run),

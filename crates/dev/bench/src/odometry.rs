@@ -32,6 +32,7 @@ pub(crate) mod encoding;
 pub(crate) mod faults;
 mod figures;
 pub(crate) mod length;
+pub(crate) mod monte_carlo;
 mod options;
 mod plain;
 mod real;

@@ -30,6 +30,7 @@ use serde_json::{Value, json};
 
 use self::faults::Fault;
 use self::scoring::{Class, Score, run as score_run};
+pub(crate) use self::world::Random;
 use self::world::{LATENCY_NS, Sample, US, World};
 use crate::meter::quantile;
 

@@ -30,10 +30,11 @@ use crate::stamp;
 
 mod charts;
 
-/// Walks: a straight one, turning ones. Widths of priors were chosen on them, no other constant.
+/// Walks: a straight one, turning ones. Widths of priors were chosen on them, no other constant;
+/// `--name` takes any others.
 const WALKS: [&str; 3] = ["corridor-day-51-20", "pavement-day-51-20", "room-day-51-20"];
 /// Cameras in use, and whether their IMU is.
-const RIGS: [(&str, &[&str], bool); 4] = [
+pub(crate) const RIGS: [(&str, &[&str], bool); 4] = [
     ("one camera", &["left_shoulder"], false),
     ("one camera, IMU", &["left_shoulder"], true),
     ("three cameras", &[], false),
@@ -126,7 +127,7 @@ enum Outcome {
 /// One deviation on one walk with one rig.
 #[derive(Clone, Debug, Serialize)]
 struct Point {
-    walk: &'static str,
+    walk: String,
     rig: &'static str,
     /// None for an exact calibration.
     kind: Option<&'static str>,
@@ -161,7 +162,7 @@ pub(crate) fn run(args: &[String]) -> Result<()> {
     let options = Options::parse(args, &kinds)?;
     let stamp = stamp::stamp("odometry_calibration", args)?;
     let mut points = Vec::new();
-    for walk in WALKS.into_iter().filter(|walk| options.takes(walk)) {
+    for walk in &options.walks_or(&WALKS) {
         for rig in RIGS {
             points.push(point(walk, rig, None, &options)?);
             for (kind, strengths) in POINTS {
@@ -193,7 +194,7 @@ pub(crate) fn run(args: &[String]) -> Result<()> {
 }
 
 fn point(
-    walk: &'static str,
+    walk: &str,
     (rig, cameras, with_imu): (&'static str, &[&str], bool),
     deviation: Option<(Kind, f64)>,
     options: &Options,
@@ -220,7 +221,7 @@ fn point(
         sigmas.reduce(f64::max)
     });
     let point = Point {
-        walk,
+        walk: walk.to_owned(),
         rig,
         kind: deviation.map(|(kind, _)| kind.name()),
         unit: deviation.map(|(kind, _)| kind.unit()),

@@ -72,6 +72,15 @@ impl Options {
         &all[if self.quick { all.len() - 1 } else { 0 }..]
     }
 
+    /// The walks that were named, or all of these.
+    pub(crate) fn walks_or(&self, all: &[&str]) -> Vec<String> {
+        if self.names.is_empty() {
+            all.iter().map(|walk| (*walk).to_owned()).collect()
+        } else {
+            self.names.clone()
+        }
+    }
+
     /// Whether a walk is to be run on.
     pub(crate) fn takes(&self, name: &str) -> bool {
         self.names.is_empty() || self.names.iter().any(|n| n == name)
