@@ -1,8 +1,8 @@
 //! `odometry_scale`: scale of paths in small, compressed images.
 //!
-//! One camera without IMU, 336x188, 10 s. A codec quantizes both eyes in blocks at the same pixels
-//! of the image, which could draw disparities towards multiples of a block, and so make all paths
-//! too long. Walks are rendered once and quantized as MJPEG and intra frames are
+//! One camera without IMU, 10 s, 336x188 and 672x376. A codec quantizes both eyes in blocks at the
+//! same pixels of the image, which could draw disparities towards multiples of a block, and so make
+//! all paths too long. Walks are rendered once per size and quantized as MJPEG and intra frames are
 //! (`rig_sim::camera::codec`), with blocks at the same pixels of both eyes, and with those of the
 //! right eye shifted by half a block, which would have the opposite effect. The calibration is
 //! exact; it states its covariance or not.
@@ -31,9 +31,9 @@ const SCENES: [Kind; 5] = [
 const SEEDS: [u64; 2] = [91, 92];
 const SECONDS: f64 = 10.0;
 /// Columns and rows of one eye.
-const SIZE: [u32; 2] = [336, 188];
+const SIZES: [[u32; 2]; 2] = [[336, 188], [672, 376]];
 /// Quantization step of the lowest frequency, gray levels; 0: not compressed.
-const STEPS: [f32; 4] = [0.0, 8.0, 16.0, 32.0];
+const STEPS: [f32; 3] = [0.0, 12.0, 32.0];
 /// Side length of a block, px.
 const BLOCK_PX: usize = 8;
 
@@ -42,6 +42,7 @@ const BLOCK_PX: usize = 8;
 struct Point {
     scene: String,
     seed: u64,
+    columns: u32,
     is_covariance_stated: bool,
     step: f32,
     /// Offset of the right eye's blocks against those of the left eye along both axes, px.
@@ -59,10 +60,11 @@ struct Point {
 pub(crate) fn run(args: &[String]) -> Result<()> {
     let Arguments { quick, out } = Arguments::parse(args)?;
     let mut points = Vec::new();
-    for (scene, seed) in SCENES.into_iter().flat_map(|s| SEEDS.map(|seed| (s, seed))) {
+    let walks = SCENES.into_iter().flat_map(|s| SEEDS.map(|seed| (s, seed)));
+    for ((scene, seed), size) in walks.flat_map(|walk| SIZES.map(|size| (walk, size))) {
         let settings = WalkSettings {
             quality: Quality::FAST,
-            size: SIZE,
+            size,
             cameras: vec!["left_shoulder".to_owned()],
             with_imu: false,
             ..WalkSettings::new(scene, Lighting::Day, seed, SECONDS)
@@ -84,6 +86,7 @@ pub(crate) fn run(args: &[String]) -> Result<()> {
                     let point = Point {
                         scene: format!("{scene:?}").to_lowercase(),
                         seed,
+                        columns: size[0],
                         is_covariance_stated,
                         step,
                         block_offset_px,
@@ -160,7 +163,10 @@ fn quantized(image: &[u8], [width, height]: [usize; 2], step: f32, offset: usize
 
 /// Mean, standard deviation and standard error of the scale errors of all walks.
 fn groups(points: &[Point]) -> Vec<serde_json::Value> {
-    let key = |p: &Point| (p.is_covariance_stated, p.step.to_bits(), p.block_offset_px);
+    let key = |p: &Point| {
+        let step = p.step.to_bits();
+        (p.columns, p.is_covariance_stated, step, p.block_offset_px)
+    };
     let mut keys: Vec<_> = points.iter().map(key).collect();
     keys.sort_unstable();
     keys.dedup();
@@ -175,6 +181,7 @@ fn groups(points: &[Point]) -> Vec<serde_json::Value> {
         });
         let wrong = |k: usize| own.iter().map(|p| p.silently_wrong[k]).sum::<u64>();
         json!({
+            "columns": own[0].columns,
             "is_covariance_stated": own[0].is_covariance_stated,
             "step": own[0].step,
             "block_offset_px": own[0].block_offset_px,
