@@ -90,7 +90,7 @@ impl Camera {
     }
 
     /// A point in the left frame, scaled by its inverse range, in the frame of the right eye, with
-    /// the decentering. Of its bearings there, see [`StereoGeometry::seen_by_lens`].
+    /// the decentering. Of its bearings there, see [`StereoGeometry::compensate_lens_error`].
     pub(crate) fn in_right(&self, x: &Vector3<f64>, rho: f64) -> Vector3<f64> {
         let (rotation, origin) = &self.right_from_left;
         self.stereo.decenter(rotation * x + origin * rho)
@@ -110,7 +110,7 @@ impl Camera {
         left: &BearingMeasurement,
         right: &BearingMeasurement,
     ) -> (f64, f64) {
-        let right = self.stereo.seen_by_lens(right);
+        let right = self.stereo.compensate_lens_error(right);
         let (rotation, origin) = &self.right_from_left;
         let ray = rotation * left.ray;
         // Perpendicular to the right ray: basis (ray + rho origin) = 0.
@@ -131,7 +131,7 @@ impl Camera {
             return SMatrix::zeros();
         };
         let origin = &self.right_from_left.1;
-        let right = self.stereo.seen_by_lens(right);
+        let right = self.stereo.compensate_lens_error(right);
         let x = self.in_right(&observation.left.ray, rho);
         let along = right.basis * origin;
         let by_error = right.basis * self.stereo.jacobian(&right, &x, origin, rho);
@@ -147,7 +147,7 @@ impl Camera {
         rho: f64,
     ) -> f64 {
         let origin = &self.right_from_left.1;
-        let right = self.stereo.seen_by_lens(right);
+        let right = self.stereo.compensate_lens_error(right);
         let x = self.in_right(&left.ray, rho);
         let along = right.basis * origin;
         let across = Vector2::new(-along.y, along.x).normalize();

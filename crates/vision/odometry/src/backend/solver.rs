@@ -191,7 +191,7 @@ pub(super) fn residuals(
     let right = observation.right.as_ref().map(|right| {
         let (rotation, origin) = &camera.right_from_left;
         let point = camera.in_right(x, rho);
-        let right = camera.stereo.seen_by_lens(right);
+        let right = camera.stereo.compensate_lens_error(right);
         // The decentering changes Jacobians by less than a hundredth.
         let Some((residual, by)) = right.residual(&point) else {
             return saturated(&right);
@@ -649,7 +649,7 @@ pub(crate) fn for_each_residual(
         }
         if let Some(right) = &observation.right {
             let x = camera.in_right(&x, landmark.rho);
-            let right = camera.stereo.seen_by_lens(right);
+            let right = camera.stereo.compensate_lens_error(right);
             found(k, 1, right.squared_residual(&x) * scale);
         }
     }

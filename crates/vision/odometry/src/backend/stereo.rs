@@ -59,7 +59,7 @@ impl StereoGeometry {
 
     /// Map from a point in the left frame, scaled by its inverse range, and that inverse range to
     /// the point in the frame of the right eye: `rotation x + origin rho`. Errors of the lens are
-    /// not in it, see [`Self::decenter`] and [`Self::seen_by_lens`].
+    /// not in it, see [`Self::decenter`] and [`Self::compensate_lens_error`].
     pub(crate) fn right_from_left(&self) -> (Matrix3<f64>, Vector3<f64>) {
         let turn = so3::exp(self.error.fixed_rows::<3>(0).into_owned());
         let turn = turn.to_rotation_matrix().into_inner();
@@ -73,7 +73,7 @@ impl StereoGeometry {
     /// A bearing of the right eye for points in the frame of its true lens: the nominal lens sees a
     /// point near the ray moved by the errors of focal length and principal point. They act on the
     /// image, after the distortion.
-    pub(crate) fn seen_by_lens(&self, bearing: &BearingMeasurement) -> BearingMeasurement {
+    pub(crate) fn compensate_lens_error(&self, bearing: &BearingMeasurement) -> BearingMeasurement {
         let [focal, principal_point] = self.lens_motion();
         let motion = bearing.by_focal * focal + bearing.by_principal_point * principal_point;
         BearingMeasurement {
@@ -250,7 +250,7 @@ mod tests {
     /// The residual of a right pixel, px, for a point of the left frame.
     fn residual(camera: &Camera, pixel: [f32; 2], x: &Vector3<f64>, rho: f64) -> Vector2<f64> {
         let right = camera.bearing(Eye::Right, pixel).expect("inside the image");
-        let right = camera.stereo.seen_by_lens(&right);
+        let right = camera.stereo.compensate_lens_error(&right);
         let (residual, _) = right.residual(&camera.in_right(x, rho)).expect("in front");
         residual
     }
@@ -263,7 +263,7 @@ mod tests {
         let (x, rho) = (Vector3::new(0.3, -0.2, 0.9), 0.7);
         let pixel = camera.project_right(&x, rho).expect("inside the image");
         let right = camera.bearing(Eye::Right, pixel).expect("inside the image");
-        let right = camera.stereo.seen_by_lens(&right);
+        let right = camera.stereo.compensate_lens_error(&right);
         let point = camera.in_right(&x, rho);
         let (_, by_point) = right.residual(&point).expect("in front");
         let origin = camera.right_from_left.1;
