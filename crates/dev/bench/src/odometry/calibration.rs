@@ -9,8 +9,8 @@
 //!   rotation;
 //! - *flagged*: the same, and the calibration is reported as wrong, or some poses are dead reckoned
 //!   or lost;
-//! - *silently wrong*: the error of a tracked pose is more than 3 sigmas, or that of the estimate of
-//!   what deviates.
+//! - *silently wrong*: the error of a tracked pose is more than 3 sigmas, or that of the estimate
+//!   of what deviates.
 //!
 //! Images are rendered once into the folder that `PAWS_WALKS` or `--walks` names.
 

@@ -278,8 +278,8 @@ mod tests {
                 residual(&moved, pixel, &x, rho)
             };
             let expected = (side(h) - side(-h)) / (2.0 * h);
-            // The Jacobian of the rotation is that of a small error, decentering and lens change the
-            // derivative by the point little.
+            // The Jacobian of the rotation is that of a small error, and decentering and lens
+            // change the derivative by the point little.
             assert!(
                 (by.column(k) - expected).amax() < 0.02 * expected.amax(),
                 "{k}: {} {expected}",
