@@ -503,19 +503,6 @@ impl Odometry {
         self.last.as_ref().map_or(Vector3::zeros(), State::rate)
     }
 
-    /// Adds the observations of landmarks in the newest frame to the window.
-    fn match_in_new_frames(&self, window: &mut Window, exposure_offset_s: &[f64]) {
-        let ratio = self.cross_camera_ratio(window.newest().state.time_ns);
-        for (k, tracker) in self.trackers.iter().enumerate() {
-            for track in &tracker.tracks {
-                if let Some(landmark) = window.landmarks.get_mut(&track.id) {
-                    let observation = track.observation(k, &self.cameras[k], exposure_offset_s[k]);
-                    landmark.observe(self.number, observation, ratio);
-                }
-            }
-        }
-    }
-
     fn estimate(
         &self,
         window: &Window,

@@ -140,8 +140,8 @@ struct Point {
     reported: usize,
     /// Estimated error of each camera, with its sigmas; see `odometry::mapping::RefinedStereo`.
     estimates: Vec<[[f64; 7]; 2]>,
-    /// Largest deviation of the estimate of what deviates from the truth, in its sigmas. None for an
-    /// exact calibration, and where no single component of the estimate corresponds.
+    /// Largest deviation of the estimate of what deviates from the truth, in its sigmas. None for
+    /// an exact calibration, and where no single component of the estimate corresponds.
     estimate_sigmas: Option<f64>,
 }
 

@@ -95,6 +95,19 @@ impl Odometry {
         }
     }
 
+    /// Adds the observations of landmarks in the newest frame to the window.
+    pub(super) fn match_in_new_frames(&self, window: &mut Window, exposure_offset_s: &[f64]) {
+        let ratio = self.cross_camera_ratio(window.newest().state.time_ns);
+        for (k, tracker) in self.trackers.iter().enumerate() {
+            for track in &tracker.tracks {
+                if let Some(landmark) = window.landmarks.get_mut(&track.id) {
+                    let observation = track.observation(k, &self.cameras[k], exposure_offset_s[k]);
+                    landmark.observe(self.number, observation, ratio);
+                }
+            }
+        }
+    }
+
     /// Factor on the sigma of observations across cameras. Without samples of an IMU the rotation
     /// depends on them, and they are not widened.
     pub(super) fn cross_camera_ratio(&self, time_ns: i64) -> f64 {
