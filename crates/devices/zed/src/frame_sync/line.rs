@@ -286,7 +286,7 @@ mod tests {
             let lower_envelope = lower_envelope(&points, PERIOD + 2000.0, PERIOD * 500e-6, &FrameSyncConfig::default()).expect("some");
             for error in errors(&lower_envelope.line) {
                 prop_assert!(error.abs() < 100_000.0, "{}", error);
-                // The largest of 20 000 draws is 6.2 sigmas; with 5 one run of the test in forty fails.
+                // Largest of 20 000 draws: 6.2 sigmas. With 5 one run in forty fails.
                 prop_assert!(error.abs() < 10.0 * lower_envelope.sigma + 2000.0, "{} {}", error, lower_envelope.sigma);
             }
         }
