@@ -5,7 +5,7 @@ use nalgebra::{Const, Dyn, OMatrix, SMatrix, SVector, Vector3};
 use crate::backend::covariance::NewestCovariance;
 use crate::backend::motion_factor;
 use crate::backend::observation::{BearingObservation, CameraPose};
-use crate::backend::solver::{ByPose, Residual, residuals};
+use crate::backend::reprojection::{ByPose, Residual, residuals};
 use crate::backend::state::{POSE_DIM, STATE_DIM, State};
 use crate::backend::stereo::STEREO_DIM;
 use crate::backend::window::{Landmark, Window};

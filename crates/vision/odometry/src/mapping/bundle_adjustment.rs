@@ -15,10 +15,12 @@ use rayon::prelude::*;
 
 use super::loop_closure::Closure;
 use crate::backend::gyro_scale::{Border, BorderedStep};
+use crate::backend::landmark_elimination::{
+    Accumulated, LandmarkBlock, NormalEquations, accumulate,
+};
 use crate::backend::motion_factor;
 use crate::backend::solver::{
-    Accumulated, LandmarkBlock, NormalEquations, accumulate, apply, for_each_residual,
-    landmark_cost, prior_cost, prior_error, prior_gradient,
+    apply, for_each_residual, landmark_cost, prior_cost, prior_error, prior_gradient,
 };
 use crate::backend::state::{POSE_DIM, STATE_DIM};
 use crate::backend::stereo::{STEREO_DIM, StereoMatrix, StereoVector};

@@ -13,8 +13,8 @@ use rayon::prelude::*;
 
 use super::LoopClosure;
 use super::bundle_adjustment::Progress;
+use crate::backend::landmark_elimination::{PoseMatrix, PoseVector};
 use crate::backend::observation::{self, BearingMeasurement, Camera};
-use crate::backend::solver::{PoseMatrix, PoseVector};
 use crate::backend::state::State;
 use crate::backend::window::Window;
 use crate::config::LoopClosureConfig;
