@@ -13,7 +13,7 @@
 use anyhow::{Context, Result};
 use cad_transforms::RigidTransform;
 use harness::tracking;
-use nalgebra::Matrix6;
+use nalgebra::Vector6;
 use odometry::{Config, Preset, Rig};
 use scene_bundle::Trajectory;
 use serde::Serialize;
@@ -140,14 +140,11 @@ impl Draw {
                 camera.covariance = None;
                 camera.right_from_left_covariance = None;
             }
-            let square = |sigmas: [f64; 2]| {
-                Matrix6::from_fn(|i, j| f64::from(u8::from(i == j)) * sigmas[i / 3].powi(2))
-            };
-            let stated = camera.covariance;
-            let prior = stated.unwrap_or_else(|| square(backend.extrinsics.default_sigma));
-            let prior = prior + square(backend.extrinsics.sigma_floor);
+            let prior = backend
+                .extrinsics
+                .prior_covariance(camera.covariance.as_ref());
             let factor = prior.cholesky().context("a covariance")?.l();
-            let motion = factor * nalgebra::Vector6::from_fn(|_, _| self.random.normal());
+            let motion = factor * Vector6::from_fn(|_, _| self.random.normal());
             let [x, y, z, a, b, c] = motion.into();
             let motion = RigidTransform::from_rotation_vector([a, b, c], [x, y, z])?;
             camera.rig_from_left = camera.rig_from_left * motion;
@@ -159,37 +156,7 @@ impl Draw {
             let mut normal = |component: usize| {
                 shared.sqrt() * of_rig[component] + (1.0 - shared).sqrt() * self.random.normal()
             };
-            let sigmas = match &camera.right_from_left_covariance {
-                None => {
-                    let rotation = stereo.rotation_sigma_rad;
-                    [
-                        rotation,
-                        rotation,
-                        rotation,
-                        stereo.baseline_sigma,
-                        stereo.focal_sigma,
-                        stereo.principal_point_sigma,
-                    ]
-                }
-                Some(stated) => {
-                    let lens = stereo.stated_lens_floor;
-                    let with_floor = |variance: f64, floor: f64| (variance + floor * floor).sqrt();
-                    let rotation = |axis: usize| {
-                        let variance = stated[(3 + axis, 3 + axis)];
-                        with_floor(variance, stereo.stated_rotation_floor_rad)
-                    };
-                    let baseline = camera.right_from_left.translation().norm();
-                    let relative = stated[(0, 0)] / (baseline * baseline);
-                    [
-                        rotation(0),
-                        rotation(1),
-                        rotation(2),
-                        with_floor(relative, lens),
-                        lens,
-                        lens,
-                    ]
-                }
-            };
+            let sigmas = stereo.prior_sigmas(camera);
             let [x, y, z, baseline, focal, principal_point]: [f64; 6] =
                 std::array::from_fn(|k| sigmas[k] * normal(k));
             let turn = RigidTransform::from_rotation_vector([x, y, z], [0.0; 3])?;

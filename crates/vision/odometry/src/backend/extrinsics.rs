@@ -19,18 +19,33 @@ pub(crate) struct ExtrinsicsPrior {
     pub(crate) information: Matrix6<f64>,
 }
 
-impl ExtrinsicsPrior {
-    /// Prior of a camera of the rig.
-    pub(crate) fn new(config: &ExtrinsicsConfig, of: &StereoCamera, camera: &Camera) -> Self {
+impl ExtrinsicsConfig {
+    /// Prior covariance of a small motion of a left eye in its own axes, m and rad, whose
+    /// calibration states this one or none.
+    ///
+    /// ```
+    /// use odometry::config::BackendConfig;
+    ///
+    /// let config = BackendConfig::default().extrinsics;
+    /// let variance = config.prior_covariance(None)[(0, 0)];
+    /// assert_eq!(variance, config.default_sigma[0].powi(2) + config.sigma_floor[0].powi(2));
+    /// ```
+    pub fn prior_covariance(&self, stated: Option<&Matrix6<f64>>) -> Matrix6<f64> {
         let squares = |sigmas: [f64; 2]| {
             let of = |k: usize| sigmas[k / 3] * sigmas[k / 3];
             Matrix6::from_diagonal(&Vector6::from_fn(|k, _| of(k)))
         };
-        let prior = of
-            .covariance
-            .unwrap_or_else(|| squares(config.default_sigma));
-        let covariance = prior + squares(config.sigma_floor);
-        let inverse = covariance.try_inverse();
+        let own = stated.map_or_else(|| squares(self.default_sigma), |stated| *stated);
+        own + squares(self.sigma_floor)
+    }
+}
+
+impl ExtrinsicsPrior {
+    /// Prior of a camera of the rig.
+    pub(crate) fn new(config: &ExtrinsicsConfig, of: &StereoCamera, camera: &Camera) -> Self {
+        let inverse = config
+            .prior_covariance(of.covariance.as_ref())
+            .try_inverse();
         Self {
             at: camera.body_from_left,
             information: inverse
