@@ -246,6 +246,8 @@ fn minimise(range: f64, of: impl Fn(f64) -> f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use proptest::prelude::*;
+    use proptest::strategy::ValueTree;
+    use proptest::test_runner::TestRunner;
 
     use super::*;
 
@@ -273,21 +275,32 @@ mod tests {
                 prop_assert!((error - 625_000.0).abs() < 75_000.0, "{}", error);
             }
         }
+    }
 
-        /// Stamps that are late, a third of them very: the line is that of those that are not.
-        #[test]
-        fn the_floor_is_below_what_is_late(
-            late in prop::collection::vec((0.0..300_000.0_f64, prop::bool::weighted(0.3)), 512),
-        ) {
+    /// Stamps that are late, a third of them very: the line is that of those that are not. Beyond
+    /// five sigmas were 2 of 40 000 ends of other draws, so that draws of a random seed would fail
+    /// now and then.
+    #[test]
+    fn the_floor_is_below_what_is_late() {
+        let mut runner = TestRunner::deterministic();
+        let draw = prop::collection::vec((0.0..300_000.0_f64, prop::bool::weighted(0.3)), 512);
+        for _ in 0..256 {
+            let late = draw.new_tree(&mut runner).expect("a draw").current();
             let points = points(|n| {
                 let (late, very) = late[n as usize];
                 if very { 50.0 * late } else { late }
             });
-            let lower_envelope = lower_envelope(&points, PERIOD + 2000.0, PERIOD * 500e-6, &FrameSyncConfig::default()).expect("some");
+            let lower_envelope = lower_envelope(
+                &points,
+                PERIOD + 2000.0,
+                PERIOD * 500e-6,
+                &FrameSyncConfig::default(),
+            )
+            .expect("some");
             for error in errors(&lower_envelope.line) {
-                prop_assert!(error.abs() < 100_000.0, "{}", error);
-                // Largest of 20 000 draws: 6.2 sigmas. With 5 one run in forty fails.
-                prop_assert!(error.abs() < 10.0 * lower_envelope.sigma + 2000.0, "{} {}", error, lower_envelope.sigma);
+                assert!(error.abs() < 100_000.0, "{error}");
+                let sigma = lower_envelope.sigma;
+                assert!(error.abs() < 5.0 * sigma + 2000.0, "{error} {sigma}");
             }
         }
     }
