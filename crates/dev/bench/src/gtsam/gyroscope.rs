@@ -2,7 +2,7 @@
 //!
 //! The orientations of EuRoC V1_01 are not accurate: OpenVINS computes them again from the marker
 //! poses and the IMU (its documentation, "Supported Datasets"). Here the gyroscope alone gives the
-//! changes: its noise is 0.02 degrees after 5 s, a fiftieth of what the file deviates from it. One
+//! changes: its noise is 0.02 degrees after 5 s, a twentieth of what the file deviates from it. One
 //! rotation and one constant bias are fitted to the file's orientations, in least squares.
 
 use anyhow::{Context, Result, ensure};

@@ -95,7 +95,7 @@ fn right_eye(
 }
 
 /// The right lens decentered as the rows of `KITTI_sequence_1` look.
-const DECENTRED: Distortion = decentered(5e-3);
+const DECENTERED: Distortion = decentered(5e-3);
 
 const fn decentered(p2: f64) -> Distortion {
     Distortion::RadTan4 {
@@ -108,7 +108,7 @@ const fn decentered(p2: f64) -> Distortion {
 
 #[test]
 fn decentered_lens_is_not_taken_for_a_rotation() {
-    let (nominal, bursts) = drive(DECENTRED, 0.0, 10);
+    let (nominal, bursts) = drive(DECENTERED, 0.0, 10);
     for degrees in [0.0, 0.1, 0.3] {
         let (finding, eyes) = right_eye(&nominal, &bursts, [0.0, degrees, 0.0]);
         assert!(eyes.sigma_rad[1].to_degrees() < 0.02, "{eyes:?}");
@@ -129,7 +129,7 @@ fn rotation_of_a_right_eye_is_within_three_sigmas() {
         p1: 2e-3,
         p2: 0.0,
     };
-    let lenses = [Distortion::None, DECENTRED, decentered(-3e-3), radial];
+    let lenses = [Distortion::None, DECENTERED, decentered(-3e-3), radial];
     for (seed, lens) in (20..).zip(lenses) {
         for turn in [0.0, 0.05] {
             let (nominal, bursts) = drive(lens, turn, seed);
@@ -152,7 +152,7 @@ fn rotation_of_a_right_eye_is_within_three_sigmas() {
 
 #[test]
 fn yaw_is_not_determined_at_rest_but_pitch_is() {
-    let (nominal, mut bursts) = drive(DECENTRED, 0.0, 11);
+    let (nominal, mut bursts) = drive(DECENTERED, 0.0, 11);
     for of in bursts.iter_mut().flat_map(|b| &mut b.segments) {
         of.features.iter_mut().for_each(|f| f.later = Some(f.left));
     }
