@@ -23,7 +23,6 @@ pub use frontend::{
     CrossCameraConfig, DetectorConfig, FrontendConfig, KeypointConfig, StaleImageConfig,
     StereoConfig,
 };
-pub use imaging::{KltConfig, PyramidConfig};
 pub use inertial::{InertialConfig, SaturationConfig};
 pub use mapping::{LoopClosureConfig, MappingConfig};
 

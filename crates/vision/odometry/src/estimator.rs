@@ -36,7 +36,7 @@ use crate::frontend::stale_image::StaleImageDetector;
 use crate::frontend::tracker::{Expected, Track, Tracker, transfer_pixel};
 
 mod camera_agreement;
-mod camera_shift;
+pub(crate) mod camera_shift;
 mod course;
 mod cross_camera;
 #[doc(hidden)]
@@ -46,7 +46,7 @@ mod keyframes;
 mod outliers;
 pub(crate) mod reinitialization;
 
-pub use camera_shift::CameraShift;
+use camera_shift::CameraShift;
 #[cfg(test)]
 mod tests;
 

@@ -115,7 +115,7 @@ mod test_rig;
 
 pub use camera_models::ImuSample;
 pub use config::{Config, Preset};
-pub use estimator::{CameraShift, Estimate, Odometry, Status};
+pub use estimator::{Estimate, Odometry, Status, camera_shift::CameraShift};
 pub use inertial::imu_set::ImuUse;
 pub use input::{FrameSet, View};
 pub use keyframe::Keyframe;
