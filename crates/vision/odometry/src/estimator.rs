@@ -24,9 +24,10 @@ use crate::rig::Rig;
 use camera_models::ImuSample;
 use imaging::Pyramid;
 
+use crate::backend::extrinsics::{self, ExtrinsicsPrior};
 use crate::backend::gyro_scale::GyroScale;
 use crate::backend::motion_factor;
-use crate::backend::newest_pose::{pose_by_stereo, refine_newest};
+use crate::backend::newest_pose::{pose_by_calibrations, refine_newest};
 use crate::backend::observation::{Camera, CameraPose};
 use crate::backend::solver::optimize_window;
 use crate::backend::state::{ROTATION, State};
@@ -112,10 +113,11 @@ pub struct Odometry {
     window: Option<Window>,
     /// Whether the newest frame of the window is a keyframe.
     newest_is_keyframe: bool,
-    /// Covariance of the state of the last keyframe and of the stereo calibrations.
+    /// Covariance of the state of the last keyframe and of the calibrations.
     keyframe_covariance: NewestCovariance,
-    /// Information of the stereo calibrations at the start of the window.
-    stereo_information: DMatrix<f64>,
+    /// Information of the calibrations at the start of the window: of the extrinsics of all cameras,
+    /// followed by their stereo calibrations.
+    calibration_information: DMatrix<f64>,
     /// Scale errors of the gyroscope at the start of the window, and their information.
     gyro_scale: (Vector3<f64>, Matrix3<f64>),
     last: Option<State>,
@@ -147,11 +149,15 @@ impl Odometry {
     pub fn new(rig: &Rig, config: Config) -> Self {
         let (mut cameras, body_from_rig) = body_frame(rig);
         let stereo_information = stereo::prior_information(&config.backend, &rig.cameras);
+        let inflation = config.backend.covariance.sigma_inflation;
         if let Some(covariance) = stereo_information.clone().try_inverse() {
-            let inflation = config.backend.covariance.sigma_inflation;
             stereo::set_covariances(&mut cameras, inflation, &covariance);
         }
         let course = Course::new(&config.backend, &rig.cameras, &cameras);
+        let nominal = rig.cameras.iter().zip(&cameras);
+        let priors: Vec<ExtrinsicsPrior> = nominal
+            .map(|(of, camera)| ExtrinsicsPrior::new(&config.backend.extrinsics, of, camera))
+            .collect();
         Self {
             config,
             cameras,
@@ -169,7 +175,11 @@ impl Odometry {
                 Vector3::zeros(),
                 GyroScale::prior_information(config.backend.covariance.sigma_inflation),
             ),
-            stereo_information,
+            calibration_information: extrinsics::with_stereo(
+                &priors,
+                inflation * inflation,
+                &stereo_information,
+            ),
             last: None,
             odom_from_keyframe: RigidTransform::identity(),
             odom_from_body: RigidTransform::identity(),
@@ -335,9 +345,9 @@ impl Odometry {
         }
         let from_keyframe = || {
             let from = &window.frames[window.frames.len() - 2].state;
-            let by_stereo = information.and_then(|of| pose_by_stereo(&window, &of));
+            let by = information.and_then(|of| pose_by_calibrations(&window, &of));
             self.keyframe_covariance
-                .at_newest(from, &window.newest().state, by_stereo.as_ref())
+                .at_newest(from, &window.newest().state, by.as_ref())
         };
         let covariance = match &joint {
             Some(joint) => joint.pose() + unexplained,

@@ -14,7 +14,7 @@ use camera_models::Eye as Side;
 use nalgebra::{DMatrix, Matrix6, UnitQuaternion, Vector3};
 
 use crate::backend::covariance::{in_rig_frame, tilt_uncertainty};
-use crate::backend::extrinsics::ExtrinsicsPrior;
+use crate::backend::extrinsics::{self, ExtrinsicsPrior};
 use crate::backend::gyro_scale::GyroScale;
 use crate::backend::observation::{BearingObservation, Camera};
 use crate::backend::solver::MIN_INVERSE_RANGE_PER_M;
@@ -154,8 +154,8 @@ pub struct RefinedExtrinsics {
 pub struct Mapping {
     cameras: Vec<Camera>,
     extrinsics: Vec<ExtrinsicsPrior>,
-    /// Information of the stereo calibrations before any image.
-    stereo_information: DMatrix<f64>,
+    /// Information of the calibrations before any image.
+    calibration_information: DMatrix<f64>,
     body_from_rig: RigidTransform,
     imus: Option<ImuSet>,
     config: Config,
@@ -172,13 +172,15 @@ impl Mapping {
     pub fn new(rig: &Rig, config: &Config) -> Self {
         let (cameras, body_from_rig) = body_frame(rig);
         let nominal = rig.cameras.iter().zip(&cameras);
+        let extrinsics: Vec<ExtrinsicsPrior> = nominal
+            .map(|(nominal, camera)| {
+                ExtrinsicsPrior::new(&config.backend.extrinsics, nominal, camera)
+            })
+            .collect();
+        let stereo = stereo::prior_information(&config.backend, &rig.cameras);
         Self {
-            extrinsics: nominal
-                .map(|(nominal, camera)| {
-                    ExtrinsicsPrior::new(&config.backend.extrinsics, nominal, camera)
-                })
-                .collect(),
-            stereo_information: stereo::prior_information(&config.backend, &rig.cameras),
+            calibration_information: extrinsics::with_stereo(&extrinsics, 1.0, &stereo),
+            extrinsics,
             cameras,
             body_from_rig,
             imus: ImuSet::new(rig, config),
@@ -259,8 +261,6 @@ impl Mapping {
             &window,
             &mut progress,
         );
-        // From here on extrinsics are estimated too.
-        window.extrinsics.clone_from(&self.extrinsics);
         // A long path has a large closure error: loop closures are trusted at first, and get a
         // tighter robust loss after they converged.
         let far = bundle_adjustment::optimize(config, &mut window, &found, trusting, &mut progress);
@@ -399,7 +399,7 @@ impl Mapping {
         let inflation = self.config.backend.covariance.sigma_inflation;
         let gyro_scale = GyroScale::prior_information(inflation);
         let prior = prior
-            .with_stereo(&self.cameras, &self.stereo_information)
+            .with_calibrations(&self.cameras, &self.calibration_information)
             .with_gyro_scale(Vector3::zeros(), gyro_scale);
         let mut cameras = self.cameras.clone();
         if let Some(last) = self.keyframes.last() {
@@ -431,7 +431,6 @@ impl Mapping {
         }
         Window {
             cameras,
-            extrinsics: Vec::new(),
             frames,
             landmarks,
             prior,

@@ -4,10 +4,14 @@ use cad_transforms::RigidTransform;
 use nalgebra::{Const, DMatrix, Dyn, Matrix3, Matrix6, Matrix6x2, OMatrix, SMatrix};
 
 use crate::backend::state::{POSE_DIM, STATE_DIM, State};
+use crate::backend::stereo::STEREO_DIM;
 use crate::config::CovarianceConfig;
 
-/// Joint covariance of the newest state and the stereo calibrations, and that of the scale errors
-/// of the gyroscope.
+/// Number of rows of the calibrations of one camera: extrinsics and stereo calibration.
+pub(crate) const CALIBRATION_DIM: usize = POSE_DIM + STEREO_DIM;
+
+/// Joint covariance of the newest state, the extrinsics of all cameras and their stereo
+/// calibrations, and that of the scale errors of the gyroscope.
 #[derive(Clone, Debug)]
 pub(crate) struct NewestCovariance {
     pub(crate) joint: DMatrix<f64>,
@@ -23,33 +27,39 @@ impl NewestCovariance {
             .into_owned()
     }
 
-    /// Covariance of the stereo calibrations.
-    pub(crate) fn stereo(&self) -> DMatrix<f64> {
+    /// Covariance of the calibrations: extrinsics of all cameras, followed by their stereo
+    /// calibrations.
+    pub(crate) fn calibrations(&self) -> DMatrix<f64> {
         let size = self.joint.nrows() - STATE_DIM;
         self.joint
             .view((STATE_DIM, STATE_DIM), (size, size))
             .into_owned()
     }
 
+    /// Covariance of the stereo calibrations.
+    pub(crate) fn stereo(&self) -> DMatrix<f64> {
+        let cameras = (self.joint.nrows() - STATE_DIM) / CALIBRATION_DIM;
+        let (at, size) = (STATE_DIM + cameras * POSE_DIM, cameras * STEREO_DIM);
+        self.joint.view((at, at), (size, size)).into_owned()
+    }
+
     /// Covariance of the pose of a later state, which observes landmarks of this one and earlier
-    /// ones. `by_stereo` is the derivative of the motion since then by the errors of the stereo
+    /// ones. `by_calibrations` is the derivative of the motion since then by the errors of the
     /// calibrations.
     pub(crate) fn at_newest(
         &self,
         from: &State,
         to: &State,
-        by_stereo: Option<&OMatrix<f64, Const<POSE_DIM>, Dyn>>,
+        by_calibrations: Option<&OMatrix<f64, Const<POSE_DIM>, Dyn>>,
     ) -> Matrix6<f64> {
         let rigid = transport_jacobian(from, to);
         let start = rigid * self.pose() * rigid.transpose();
-        let Some(by_stereo) = by_stereo else {
+        let Some(by) = by_calibrations else {
             return start;
         };
-        let with_stereo = self
-            .joint
-            .view((0, STATE_DIM), (POSE_DIM, by_stereo.ncols()));
-        let cross = rigid * with_stereo * by_stereo.transpose();
-        start + cross + cross.transpose() + by_stereo * self.stereo() * by_stereo.transpose()
+        let with_calibrations = self.joint.view((0, STATE_DIM), (POSE_DIM, by.ncols()));
+        let cross = rigid * with_calibrations * by.transpose();
+        start + cross + cross.transpose() + by * self.calibrations() * by.transpose()
     }
 
     /// Covariance of the pose.

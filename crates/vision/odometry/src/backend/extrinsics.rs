@@ -4,18 +4,22 @@
 //! `[translation, rotation]`. The calibration is a prior: extrinsics that the data do not determine
 //! keep their nominal value.
 
-use nalgebra::{Matrix3, Matrix6, Rotation3, SMatrix, UnitQuaternion, Vector3, Vector6};
+use nalgebra::{DMatrix, Matrix3, Matrix6, Rotation3, SMatrix, UnitQuaternion, Vector3, Vector6};
 
 use crate::backend::observation::Camera;
+use crate::backend::state::POSE_DIM;
 use crate::config::ExtrinsicsConfig;
 use crate::rig::StereoCamera;
 use cad_transforms::so3;
 
+/// Extrinsics of a camera: body from left optical frame.
+pub(crate) type Extrinsics = (Matrix3<f64>, Vector3<f64>);
+
 /// Prior of the extrinsics of one camera.
 #[derive(Clone, Debug)]
 pub(crate) struct ExtrinsicsPrior {
-    /// Nominal extrinsics: body from left optical frame.
-    at: (Matrix3<f64>, Vector3<f64>),
+    /// Nominal extrinsics.
+    at: Extrinsics,
     pub(crate) information: Matrix6<f64>,
 }
 
@@ -75,21 +79,38 @@ impl ExtrinsicsPrior {
 
     /// Error of a camera relative to the prior.
     pub(crate) fn error(&self, camera: &Camera) -> Vector6<f64> {
-        let (rotation, translation) = &self.at;
-        let (now, now_translation) = &camera.body_from_left;
-        let shift = rotation.transpose() * (now_translation - translation);
-        // Through a quaternion: the angle from the trace of a matrix would need a cosine that
-        // rounding can put beyond 1.
-        let rotation_error = Rotation3::from_matrix_unchecked(rotation.transpose() * now);
-        let rotation_error = so3::log(&UnitQuaternion::from_rotation_matrix(&rotation_error));
-        Vector6::from_fn(|k, _| {
-            if k < 3 {
-                shift[k]
-            } else {
-                rotation_error[k - 3]
-            }
-        })
+        error(&self.at, &camera.body_from_left)
     }
+}
+
+/// Joint information of the calibrations of all cameras: of their extrinsics, which are independent,
+/// times `factor`, followed by that of their stereo calibrations.
+pub(crate) fn with_stereo(
+    priors: &[ExtrinsicsPrior],
+    factor: f64,
+    stereo: &DMatrix<f64>,
+) -> DMatrix<f64> {
+    let extrinsics = priors.len() * POSE_DIM;
+    let size = extrinsics + stereo.nrows();
+    let mut information = DMatrix::zeros(size, size);
+    for (k, prior) in priors.iter().enumerate() {
+        let at = k * POSE_DIM;
+        let mut view = information.fixed_view_mut::<POSE_DIM, POSE_DIM>(at, at);
+        view += prior.information * factor;
+    }
+    let mut view = information.view_mut((extrinsics, extrinsics), stereo.shape());
+    view += stereo;
+    information
+}
+
+/// Error of extrinsics relative to other ones.
+pub(crate) fn error(at: &Extrinsics, now: &Extrinsics) -> Vector6<f64> {
+    let shift = at.0.transpose() * (now.1 - at.1);
+    // Through a quaternion: the angle from the trace of a matrix would need a cosine that rounding
+    // can put beyond 1.
+    let rotation = Rotation3::from_matrix_unchecked(at.0.transpose() * now.0);
+    let rotation = so3::log(&UnitQuaternion::from_rotation_matrix(&rotation));
+    Vector6::from_fn(|k, _| if k < 3 { shift[k] } else { rotation[k - 3] })
 }
 
 /// Applies an error to the extrinsics of a camera.

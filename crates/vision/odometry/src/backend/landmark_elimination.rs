@@ -222,7 +222,7 @@ fn observation_terms(
             by.fixed_columns_mut::<3>(3).copy_from(&by_rotation);
             terms.push(frame, terms.by_x * by);
         }
-        if !window.extrinsics.is_empty() {
+        if window.estimates_calibrations() {
             let now_from_then =
                 point.left_from_world * host.pose.rotation * host.camera.body_from_left.0;
             let [own, other] = jacobians_by_extrinsics(ray, rho, &now_from_then, x);
@@ -237,7 +237,7 @@ fn observation_terms(
         }
         terms
     };
-    if window.estimates_stereo() && observation.right.is_some() {
+    if window.estimates_calibrations() && observation.right.is_some() {
         terms.stereo = Some(window.stereo_block(observation.camera));
     }
     terms

@@ -26,7 +26,7 @@ pub(crate) fn marginalize(window: &mut Window, leaving: usize) {
     let near = |motion: usize| motion == leaving || motion == leaving + 1;
     let linear = linearize(window, &hosted, near, 0.0);
     let rest: Vec<usize> = (0..window.frames.len()).filter(|k| *k != leaving).collect();
-    // Rows that remain: those of the other frames, followed by those of stereo calibrations.
+    // Rows that remain: those of the other frames, followed by those of calibrations.
     let rows: Vec<usize> = (0..linear.gradient.len())
         .filter(|row| *row < leaving * STATE_DIM || *row >= (leaving + 1) * STATE_DIM)
         .collect();
@@ -71,15 +71,16 @@ pub(crate) fn marginalize(window: &mut Window, leaving: usize) {
         .filter(|a| information.rows(a * STATE_DIM, STATE_DIM).amax() > 0.0)
         .collect();
     let frames = connected.len() * STATE_DIM;
-    let stereo_rest = rest.len() * STATE_DIM;
+    let calibrations = rest.len() * STATE_DIM;
     let pick = |k: usize| {
         if k < frames {
             connected[k / STATE_DIM] * STATE_DIM + k % STATE_DIM
         } else {
-            stereo_rest + k - frames
+            calibrations + k - frames
         }
     };
-    let count = frames + rows.len() - stereo_rest;
+    let count = frames + rows.len() - calibrations;
+    let estimated = &window.cameras[..window.prior.stereo.len()];
     window.prior = Prior {
         at: connected
             .iter()
@@ -88,10 +89,8 @@ pub(crate) fn marginalize(window: &mut Window, leaving: usize) {
                 (frame.number, frame.state)
             })
             .collect(),
-        stereo: window.cameras[..window.prior.stereo.len()]
-            .iter()
-            .map(|camera| camera.stereo.error)
-            .collect(),
+        extrinsics: estimated.iter().map(|c| c.body_from_left).collect(),
+        stereo: estimated.iter().map(|c| c.stereo.error).collect(),
         information: DMatrix::from_fn(count, count, |i, j| {
             0.5 * (information[(pick(i), pick(j))] + information[(pick(j), pick(i))])
         }),

@@ -2,9 +2,10 @@
 
 use nalgebra::{Const, Dyn, OMatrix, SMatrix, SVector, Vector3};
 
-use crate::backend::covariance::NewestCovariance;
+use crate::backend::covariance::{CALIBRATION_DIM, NewestCovariance};
+use crate::backend::extrinsics::jacobians_by_extrinsics;
 use crate::backend::motion_factor;
-use crate::backend::observation::{BearingObservation, CameraPose};
+use crate::backend::observation::{BearingObservation, CameraPose, transfer};
 use crate::backend::reprojection::{ByPose, Residual, residuals};
 use crate::backend::state::{POSE_DIM, STATE_DIM, State};
 use crate::backend::stereo::STEREO_DIM;
@@ -59,9 +60,9 @@ impl NewestInformation {
 struct NewestObservation<'a> {
     landmark: &'a Landmark,
     observation: &'a BearingObservation,
-    /// Origin of the landmark's host in the world.
-    origin: Vector3<f64>,
-    /// Point relative to this origin in the axes of the world, scaled by its inverse range, and its
+    /// Pose of the body at the landmark's host.
+    host: CameraPose,
+    /// Point relative to its origin in the axes of the world, scaled by its inverse range, and its
     /// derivative by the inverse range.
     x: Vector3<f64>,
     x_by_rho: Vector3<f64>,
@@ -90,7 +91,7 @@ fn newest_observations<'a>(
         Some(used.map(move |(_, observation)| NewestObservation {
             landmark,
             observation,
-            origin: host_pose.position,
+            host: host_pose,
             x,
             x_by_rho,
         }))
@@ -107,7 +108,7 @@ impl NewestObservation<'_> {
         let camera = &window.cameras[self.observation.camera];
         let pose = CameraPose::new(state, self.observation.exposure_offset_s);
         let (rotation, arm) = &camera.body_from_left;
-        let offset = self.origin - pose.position;
+        let offset = self.host.position - pose.position;
         let in_target = pose.rotation.transpose() * (self.x + offset * rho);
         let x = rotation.transpose() * (in_target - arm * rho);
         let left_from_world = rotation.transpose() * pose.rotation.transpose();
@@ -127,6 +128,22 @@ impl NewestObservation<'_> {
             Some((residual, by_pose))
         })
     }
+
+    /// Jacobians of the point in the left frame by the extrinsics of the host and of the target.
+    fn by_extrinsics(&self, window: &Window, state: &State) -> [SMatrix<f64, 3, POSE_DIM>; 2] {
+        let (host, rho) = (&self.landmark.observations[0].1, self.landmark.rho);
+        let [host_camera, camera] =
+            [host.camera, self.observation.camera].map(|k| &window.cameras[k]);
+        let pose = CameraPose::new(state, self.observation.exposure_offset_s);
+        let x = transfer(
+            &host.left.ray,
+            rho,
+            (host_camera, &self.host),
+            (camera, &pose),
+        );
+        let now_from_then = x.left_from_world * self.host.rotation * host_camera.body_from_left.0;
+        jacobians_by_extrinsics(&host.left.ray, rho, &now_from_then, &x.x)
+    }
 }
 
 /// Weight of a residual by Tukey's loss with this scale, in standard deviations; `None` beyond it.
@@ -135,30 +152,36 @@ fn tukey_weight(residual: &Residual, sigma_px: f64, scale: f64) -> Option<f64> {
     (size < 1.0).then(|| (1.0 - size * size).powi(2) / (sigma_px * sigma_px))
 }
 
-/// Derivative of the newest pose by the errors of the stereo calibrations, which change the inverse
-/// ranges of all landmarks alike.
-pub(crate) fn pose_by_stereo(
+/// Derivative of the newest pose by the errors of the calibrations: the extrinsics of all cameras,
+/// followed by their stereo calibrations, which change the inverse ranges of all landmarks alike.
+pub(crate) fn pose_by_calibrations(
     window: &Window,
     information: &NewestInformation,
 ) -> Option<OMatrix<f64, Const<POSE_DIM>, Dyn>> {
     let state = &window.newest().state;
     let config = &window.config;
     let sigma = config.observation_sigma_px;
+    let stereo_at = window.cameras.len() * POSE_DIM;
     let mut gradient =
-        OMatrix::<f64, Const<POSE_DIM>, Dyn>::zeros(window.cameras.len() * STEREO_DIM);
+        OMatrix::<f64, Const<POSE_DIM>, Dyn>::zeros(window.cameras.len() * CALIBRATION_DIM);
     for newest in newest_observations(window, |_| true) {
-        let host = &newest.landmark.observations[0].1;
-        let rho_by_host =
-            window.cameras[host.camera].inverse_range_by_stereo(host, newest.landmark.rho);
+        let (landmark, camera) = (newest.landmark, newest.observation.camera);
+        let host = &landmark.observations[0].1;
+        let rho_by_host = window.cameras[host.camera].inverse_range_by_stereo(host, landmark.rho);
+        let by_extrinsics = newest.by_extrinsics(window, state);
         for (r, by_pose) in newest.linearize(window, state).into_iter().flatten() {
             let Some(weight) = tukey_weight(&r, sigma, config.newest_pose.tukey_sigma_final) else {
                 continue;
             };
             let weighted = by_pose.transpose() * weight;
-            let mut of_host = gradient.fixed_columns_mut::<STEREO_DIM>(host.camera * STEREO_DIM);
-            of_host += weighted * r.by_rho * rho_by_host;
-            let camera = newest.observation.camera;
-            let mut own = gradient.fixed_columns_mut::<STEREO_DIM>(camera * STEREO_DIM);
+            for (camera, x_by) in [host.camera, camera].into_iter().zip(&by_extrinsics) {
+                let mut own = gradient.fixed_columns_mut::<POSE_DIM>(camera * POSE_DIM);
+                own += weighted * r.by_x * x_by;
+            }
+            let [of_host, of_target] = [host.camera, camera].map(|k| stereo_at + k * STEREO_DIM);
+            let mut own = gradient.fixed_columns_mut::<STEREO_DIM>(of_host);
+            own += weighted * r.by_rho * rho_by_host;
+            let mut own = gradient.fixed_columns_mut::<STEREO_DIM>(of_target);
             own += weighted * r.by_stereo;
         }
     }

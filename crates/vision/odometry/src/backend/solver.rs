@@ -7,7 +7,7 @@
 use nalgebra::{DMatrix, DVector, SMatrix, SVector, Vector3};
 use rayon::prelude::*;
 
-use crate::backend::covariance::NewestCovariance;
+use crate::backend::covariance::{CALIBRATION_DIM, NewestCovariance};
 use crate::backend::extrinsics;
 use crate::backend::gyro_scale::{Border, BorderedStep};
 use crate::backend::landmark_elimination::{
@@ -151,10 +151,16 @@ pub(crate) fn prior_error(window: &Window) -> DVector<f64> {
                 .copy_from(&residual);
         }
     }
-    let frames = prior.at.len() * STATE_DIM;
+    let extrinsics_at = prior.at.len() * STATE_DIM;
+    for (k, (at, camera)) in prior.extrinsics.iter().zip(&window.cameras).enumerate() {
+        error
+            .fixed_rows_mut::<POSE_DIM>(extrinsics_at + k * POSE_DIM)
+            .copy_from(&extrinsics::error(at, &camera.body_from_left));
+    }
+    let stereo_at = extrinsics_at + prior.extrinsics.len() * POSE_DIM;
     for (k, (at, camera)) in prior.stereo.iter().zip(&window.cameras).enumerate() {
         error
-            .fixed_rows_mut::<STEREO_DIM>(frames + k * STEREO_DIM)
+            .fixed_rows_mut::<STEREO_DIM>(stereo_at + k * STEREO_DIM)
             .copy_from(&(camera.stereo.error - at));
     }
     error
@@ -278,7 +284,7 @@ pub(crate) struct Solved {
 }
 
 /// Optimizes a window in at most `rounds` iterations. Also returns the covariance of the error of
-/// the newest state and the stereo calibrations, if it exists.
+/// the newest state and the calibrations, if it exists.
 pub(crate) fn optimize_window(
     window: &mut Window,
     rounds: usize,
@@ -349,7 +355,7 @@ pub(crate) fn optimize_window(
         for k in 0..information.nrows() {
             information[(k, k)] *= 1.0 + 1e-12;
         }
-        let corner = STATE_DIM + window.prior.stereo.len() * STEREO_DIM;
+        let corner = STATE_DIM + window.prior.stereo.len() * CALIBRATION_DIM;
         let cholesky = information.cholesky()?;
         let rows = gyro_scale.by.nrows();
         let solve = |right: &DMatrix<f64>| cholesky.solve(right);
@@ -388,7 +394,7 @@ pub(crate) fn apply<'a>(
         frame.state = frame.state.plus(&error);
     }
     let calibrations = &rows[window.frames.len()..];
-    let (extrinsics, stereo) = calibrations.split_at(window.extrinsics.len());
+    let (extrinsics, stereo) = calibrations.split_at(window.prior.extrinsics.len());
     for (camera, row) in window.cameras.iter_mut().zip(extrinsics) {
         extrinsics::apply_error(camera, &step.fixed_rows::<POSE_DIM>(*row).into_owned());
     }

@@ -9,7 +9,7 @@ use std::collections::BTreeMap;
 use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
 
 use crate::backend::covariance::NewestCovariance;
-use crate::backend::extrinsics::ExtrinsicsPrior;
+use crate::backend::extrinsics::Extrinsics;
 use crate::backend::gyro_scale::GyroScale;
 use crate::backend::observation::{BearingObservation, Camera};
 use crate::backend::state::{POSE_DIM, STATE_DIM, State};
@@ -51,8 +51,11 @@ pub(crate) struct Landmark {
 pub(crate) struct Prior {
     /// Frames by number, ascending, with their states at the linearization point.
     pub(crate) at: Vec<(u64, State)>,
-    /// Errors of the stereo calibrations at the linearization point, one per camera if they are
-    /// estimated; else empty. Their rows follow those of the frames.
+    /// Extrinsics at the linearization point, one per camera if calibrations are estimated; else
+    /// empty. Their rows follow those of the frames.
+    pub(crate) extrinsics: Vec<Extrinsics>,
+    /// Errors of the stereo calibrations at the linearization point, as many. Their rows follow
+    /// those of the extrinsics.
     pub(crate) stereo: Vec<StereoVector>,
     pub(crate) information: DMatrix<f64>,
     /// Gradient at the linearization point.
@@ -65,8 +68,6 @@ pub(crate) struct Prior {
 #[derive(Clone, Debug)]
 pub(crate) struct Window {
     pub(crate) cameras: Vec<Camera>,
-    /// Extrinsics priors, one per camera, if extrinsics are estimated; else empty.
-    pub(crate) extrinsics: Vec<ExtrinsicsPrior>,
     pub(crate) frames: Vec<Frame>,
     pub(crate) landmarks: BTreeMap<u64, Landmark>,
     pub(crate) prior: Prior,
@@ -79,6 +80,7 @@ impl Prior {
         let diagonal = DVector::from_iterator(STATE_DIM, sigmas.iter().map(|s| 1.0 / (s * s)));
         Self {
             at: vec![(number, state)],
+            extrinsics: Vec::new(),
             stereo: Vec::new(),
             information: DMatrix::from_diagonal(&diagonal),
             gradient: DVector::zeros(STATE_DIM),
@@ -86,10 +88,16 @@ impl Prior {
         }
     }
 
-    /// The prior with stereo calibrations of these cameras as estimated parameters, with this joint
-    /// information at their current errors.
-    pub(crate) fn with_stereo(mut self, cameras: &[Camera], information: &DMatrix<f64>) -> Self {
+    /// The prior with calibrations of these cameras as estimated parameters, with this joint
+    /// information at their current values: of the extrinsics of all cameras, followed by their
+    /// stereo calibrations.
+    pub(crate) fn with_calibrations(
+        mut self,
+        cameras: &[Camera],
+        information: &DMatrix<f64>,
+    ) -> Self {
         let (frames, more) = (self.gradient.len(), information.nrows());
+        self.extrinsics = cameras.iter().map(|camera| camera.body_from_left).collect();
         self.stereo = cameras.iter().map(|camera| camera.stereo.error).collect();
         self.gradient = self.gradient.resize_vertically(frames + more, 0.0);
         let by = &mut self.gyro_scale.border.by;
@@ -111,7 +119,7 @@ impl Prior {
         self
     }
 
-    /// Covariance of its frame and the stereo calibrations; of a prior of a single frame.
+    /// Covariance of its frame and the calibrations; of a prior of a single frame.
     pub(crate) fn covariance(&self) -> NewestCovariance {
         let size = self.information.nrows();
         let inverse = self.information.clone().try_inverse();
@@ -123,7 +131,8 @@ impl Prior {
     }
 }
 
-/// Rows of the prior that belong to one frame or to one stereo calibration.
+/// Rows of the prior that belong to one frame, or to the extrinsics or the stereo calibration of
+/// one camera.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct PriorSegment {
     /// First row in the prior.
@@ -188,7 +197,7 @@ impl Window {
     /// Number of parameter blocks that observations depend on: poses of frames, followed by
     /// extrinsics of cameras and by stereo calibrations of cameras.
     pub(crate) fn blocks(&self) -> usize {
-        self.frames.len() + self.extrinsics.len() + self.prior.stereo.len()
+        self.frames.len() + 2 * self.prior.stereo.len()
     }
 
     /// Block of the extrinsics of a camera.
@@ -196,14 +205,14 @@ impl Window {
         self.frames.len() + camera
     }
 
-    /// Whether stereo calibrations are estimated.
-    pub(crate) fn estimates_stereo(&self) -> bool {
+    /// Whether calibrations are estimated.
+    pub(crate) fn estimates_calibrations(&self) -> bool {
         !self.prior.stereo.is_empty()
     }
 
     /// Block of the stereo calibration of a camera.
     pub(crate) fn stereo_block(&self, camera: usize) -> usize {
-        self.frames.len() + self.extrinsics.len() + camera
+        self.frames.len() + self.prior.extrinsics.len() + camera
     }
 
     /// Offset of a block in a step of the whole window, in which frames have full states.
@@ -228,12 +237,17 @@ impl Window {
             let block = self.position(*number);
             (k * STATE_DIM, block, STATE_DIM)
         });
-        let stereo_at = self.prior.at.len() * STATE_DIM;
+        let extrinsics_at = self.prior.at.len() * STATE_DIM;
+        let extrinsics = (0..self.prior.extrinsics.len()).map(|camera| {
+            let block = Some(self.extrinsics_block(camera));
+            (extrinsics_at + camera * POSE_DIM, block, POSE_DIM)
+        });
+        let stereo_at = extrinsics_at + self.prior.extrinsics.len() * POSE_DIM;
         let stereo = (0..self.prior.stereo.len()).map(|camera| {
             let block = Some(self.stereo_block(camera));
             (stereo_at + camera * STEREO_DIM, block, STEREO_DIM)
         });
-        (frames.chain(stereo))
+        (frames.chain(extrinsics).chain(stereo))
             .filter_map(|(at, block, count)| {
                 let block = block?;
                 let row = self.row_of(block);

@@ -93,7 +93,6 @@ pub fn estimate(
     let sigmas: [f64; STATE_DIM] = std::array::from_fn(|k| first.sigmas[k / 3]);
     let mut window = Window {
         cameras,
-        extrinsics: Vec::new(),
         frames: vec![Frame {
             number: 0,
             state,

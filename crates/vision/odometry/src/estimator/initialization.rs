@@ -159,11 +159,10 @@ impl Odometry {
         let mut view = prior.information.fixed_view_mut::<3, 3>(ROTATION, ROTATION);
         view += pinned;
         let prior = prior
-            .with_stereo(&self.cameras, &self.stereo_information)
+            .with_calibrations(&self.cameras, &self.calibration_information)
             .with_gyro_scale(self.gyro_scale.0, self.gyro_scale.1);
         Window {
             cameras: self.cameras.clone(),
-            extrinsics: Vec::new(),
             frames: vec![Frame {
                 number: self.number,
                 state,

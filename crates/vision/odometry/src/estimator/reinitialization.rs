@@ -182,8 +182,8 @@ impl Odometry {
         if let Some(keyframe) = self.pending.get_mut(&self.number) {
             keyframe.state = (&state).into();
         }
-        if let Some(information) = self.keyframe_covariance.stereo().try_inverse() {
-            self.stereo_information = information;
+        if let Some(information) = self.keyframe_covariance.calibrations().try_inverse() {
+            self.calibration_information = information;
         }
         // All landmarks are hosted by the newest frame.
         let landmarks = std::mem::take(&mut window.landmarks);

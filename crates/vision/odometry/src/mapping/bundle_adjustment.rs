@@ -167,17 +167,6 @@ fn linearize(window: &Window, loops: &[Closure], damping: f64) -> LinearSystem {
             view += part;
         }
     }
-    for (k, (prior, camera)) in window.extrinsics.iter().zip(&window.cameras).enumerate() {
-        let block = window.frames.len() + k;
-        let error = prior.error(camera);
-        let product = prior.information * error;
-        linear.cost += error.dot(&product);
-        add_block(&mut linear.blocks, block, block, &prior.information);
-        let mut rows = linear
-            .gradient
-            .fixed_rows_mut::<POSE_DIM>(window.row_of(block));
-        rows += product;
-    }
     for closure in loops {
         let term = closure.linearize(window);
         linear.cost += term.cost;
@@ -220,10 +209,6 @@ fn cost(window: &Window, loops: &[Closure]) -> f64 {
         }
     }
     sum += loops.iter().map(|l| l.cost(window)).sum::<f64>();
-    for (prior, camera) in window.extrinsics.iter().zip(&window.cameras) {
-        let error = prior.error(camera);
-        sum += error.dot(&(prior.information * error));
-    }
     sum + prior_cost(window, &prior_error(window))
 }
 
@@ -407,7 +392,7 @@ pub(super) fn covariances(max_count: usize, window: &Window, loops: &[Closure]) 
         let unknown = Matrix6::identity() * 1e6;
         return Covariances {
             poses: vec![unknown; count],
-            extrinsics: vec![unknown; window.extrinsics.len()],
+            extrinsics: vec![unknown; window.prior.extrinsics.len()],
             stereo: vec![StereoMatrix::identity() * 1e6; window.prior.stereo.len()],
         };
     };

@@ -5,6 +5,7 @@ use camera_models::{CameraModel, Distortion};
 use nalgebra::{UnitQuaternion, Vector3};
 
 use super::*;
+use crate::backend::extrinsics;
 use crate::config::Preset;
 use crate::keyframe::{BodyState, Keypoint, StereoObservation};
 use crate::rig::StereoCamera;
@@ -278,20 +279,22 @@ fn cameras_with_common_landmarks_correct_their_extrinsics() {
     let exact = crate::backend::solver::tests::window(5, 0.0);
     let mut moved = exact.clone();
     let nominal = &rig().cameras[0];
-    moved.extrinsics = (exact.cameras.iter())
-        .map(|camera| {
-            crate::backend::extrinsics::ExtrinsicsPrior::new(&Default::default(), nominal, camera)
-        })
+    let priors: Vec<ExtrinsicsPrior> = (exact.cameras.iter())
+        .map(|camera| ExtrinsicsPrior::new(&Default::default(), nominal, camera))
         .collect();
+    let both = [nominal.clone(), nominal.clone()];
+    let stereo = stereo::prior_information(&exact.config, &both);
+    let information = extrinsics::with_stereo(&priors, 1.0, &stereo);
+    moved.prior = moved.prior.with_calibrations(&exact.cameras, &information);
     let error = nalgebra::Vector6::new(0.0, 1e-3, 0.0, 0.01, -0.02, 0.01);
-    crate::backend::extrinsics::apply_error(&mut moved.cameras[1], &error);
-    crate::backend::extrinsics::apply_error(&mut moved.cameras[0], &(-0.5 * error));
+    extrinsics::apply_error(&mut moved.cameras[1], &error);
+    extrinsics::apply_error(&mut moved.cameras[0], &(-0.5 * error));
     let begun =
         bundle_adjustment::optimize(&Default::default(), &mut moved.clone(), &[], 1, &mut |_| {});
     assert!(!begun.is_converged && begun.iterations == 1);
     let ended = bundle_adjustment::optimize(&Default::default(), &mut moved, &[], 12, &mut |_| {});
     assert!(ended.is_converged && ended.iterations < 12, "{ended:?}");
-    for (prior, camera) in moved.extrinsics.iter().zip(&moved.cameras) {
+    for (prior, camera) in priors.iter().zip(&moved.cameras) {
         let error = prior.error(camera).amax();
         assert!(error < 1e-6, "{error}");
     }

@@ -9,7 +9,7 @@ use camera_models::{CameraModel, Distortion, Eye as Side};
 use super::*;
 use crate::backend::gyro_scale::GyroScale;
 use crate::backend::marginalization::marginalize;
-use crate::backend::newest_pose::{pose_by_stereo, refine_newest};
+use crate::backend::newest_pose::{pose_by_calibrations, refine_newest};
 use crate::backend::observation::{BearingObservation, Camera};
 use crate::backend::state::{POSITION, ROTATION, State};
 use crate::backend::stereo::StereoVector;
@@ -145,7 +145,6 @@ pub(crate) fn window_of(cameras: Vec<Camera>, frames: usize) -> Window {
             })
             .collect(),
         landmarks,
-        extrinsics: Vec::new(),
         prior: Prior::of(0, truth(0), &[1e-4; STATE_DIM]),
         cameras,
         config: Default::default(),
@@ -239,12 +238,31 @@ fn newest_state_alone_converges_to_the_ground_truth() {
 }
 
 #[test]
-fn newest_pose_depends_on_the_stereo_calibration_as_its_derivative_says() {
+fn newest_pose_depends_on_the_calibrations_as_its_derivative_says() {
     let mut exact = window(4, 0.0);
     add_constant_velocity(&mut exact);
     let estimate = |window: &mut Window| refine_newest(window, &start_covariance(), 8, |_| true);
     let information = estimate(&mut exact).expect("hundreds of observations determine the pose");
-    let derivative = pose_by_stereo(&exact, &information).expect("a derivative");
+    let derivative = pose_by_calibrations(&exact, &information).expect("a derivative");
+    let check = |column: usize, error: f64, mut other: Window| {
+        estimate(&mut other).expect("as determined");
+        let change = other.newest().state.minus(&exact.newest().state);
+        let change = change.fixed_rows::<POSE_DIM>(0);
+        let expected = derivative.column(column) * error;
+        let deviation = (change - expected).norm();
+        assert!(
+            deviation < 0.1 * expected.norm() + 1e-7,
+            "{column}: {change} instead of {expected}"
+        );
+    };
+    let cameras = exact.cameras.len();
+    for column in 0..cameras * POSE_DIM {
+        let mut error = nalgebra::Vector6::zeros();
+        error[column % POSE_DIM] = 2e-5;
+        let mut other = exact.clone();
+        extrinsics::apply_error(&mut other.cameras[column / POSE_DIM], &error);
+        check(column, 2e-5, other);
+    }
     // The decentering, which is last, hardly changes inverse ranges.
     for component in 0..STEREO_DIM - 1 {
         let mut error = StereoVector::zeros();
@@ -258,15 +276,7 @@ fn newest_pose_depends_on_the_stereo_calibration_as_its_derivative_says() {
                 landmark.rho = other.cameras[0].triangulate(&host.left, right).0;
             }
         }
-        estimate(&mut other).expect("as determined");
-        let change = other.newest().state.minus(&exact.newest().state);
-        let change = change.fixed_rows::<POSE_DIM>(0);
-        let expected = derivative.column(component) * error[component];
-        let deviation = (change - expected).norm();
-        assert!(
-            deviation < 0.1 * expected.norm() + 1e-7,
-            "{component}: {change} instead of {expected}"
-        );
+        check(cameras * POSE_DIM + component, 2e-5, other);
     }
 }
 

@@ -24,7 +24,6 @@ fn window_of(states: [State; 2], cameras: Vec<Camera>) -> Window {
     Window {
         frames: frames.collect(),
         cameras,
-        extrinsics: Vec::new(),
         landmarks: std::collections::BTreeMap::new(),
         prior: Prior::of(1, states[0], &[1e-4; crate::backend::state::STATE_DIM]),
         config: Default::default(),
