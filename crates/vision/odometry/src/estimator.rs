@@ -38,7 +38,6 @@ use crate::frontend::tracker::{Expected, Track, Tracker, transfer_pixel};
 
 mod camera_agreement;
 pub(crate) mod camera_shift;
-mod course;
 mod cross_camera;
 #[doc(hidden)]
 pub mod feature_tracks;
@@ -52,7 +51,6 @@ use camera_shift::CameraShift;
 mod tests;
 
 use camera_agreement::{Agreement, compare_cameras};
-use course::Course;
 use outliers::count_inliers;
 pub(crate) use outliers::sigma_ratio;
 
@@ -129,8 +127,6 @@ pub struct Odometry {
     /// Uncertainties of earlier resets that the covariance of the window does not contain.
     unmodeled: Vec<ResetUncertainty>,
     camera_shifts: Vec<CameraShift>,
-    /// The path as it depends on the rotation between camera and body.
-    course: Course,
     number: u64,
     next_track: u64,
     /// Features of the last keyframe: camera, track id, ray.
@@ -153,7 +149,6 @@ impl Odometry {
         if let Some(covariance) = stereo_information.clone().try_inverse() {
             stereo::set_covariances(&mut cameras, inflation, &covariance);
         }
-        let course = Course::new(&config.backend, &rig.cameras, &cameras);
         let nominal = rig.cameras.iter().zip(&cameras);
         let priors: Vec<ExtrinsicsPrior> = nominal
             .map(|(of, camera)| ExtrinsicsPrior::new(&config.backend.extrinsics, of, camera))
@@ -186,7 +181,6 @@ impl Odometry {
             is_lost: false,
             unmodeled: Vec::new(),
             camera_shifts: Vec::new(),
-            course,
             number: 0,
             next_track: 0,
             reference: Vec::new(),
@@ -338,8 +332,6 @@ impl Odometry {
         self.odom_from_body =
             self.odom_from_keyframe * (before.pose().inverse() * window.newest().state.pose());
         let motion = last_odom.inverse() * self.odom_from_body;
-        self.course
-            .advance(&window.newest().state.rotation, &motion);
         if is_keyframe {
             self.odom_from_keyframe = self.odom_from_body;
         }
@@ -523,7 +515,7 @@ impl Odometry {
         is_keyframe: bool,
     ) -> Estimate {
         let state = &window.newest().state;
-        let covariance = self.with_unmodeled(state, *covariance) + self.course.covariance();
+        let covariance = self.with_unmodeled(state, *covariance);
         let mut covariance = in_rig_frame(
             &self.config.backend.covariance,
             state,

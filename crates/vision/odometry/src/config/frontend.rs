@@ -83,10 +83,10 @@ config! {
         pub max_inverse_range_error_ratio: f64 = 0.1,
         /// The same, additional and absolute, 1/m.
         pub max_inverse_range_error_per_m: f64 = 0.01,
-        /// Factor on the sigma of observations of landmarks of another camera, with an IMU:
-        /// extrinsics, which the window takes as exact, have errors of a pixel, and warped patches
-        /// are matched less accurately. With 1 the distance between the cameras determines the
-        /// scale of a path to 0.1 %, and is 1 % wrong; source: docs/decisions/0010-odometry.md.
+        /// Factor on the sigma of observations of landmarks of another camera: warped patches are
+        /// matched less accurately, and their errors are correlated. Lower, the distance between
+        /// the cameras determines a wrong scale of the path; source: `cargo xtask bench
+        /// odometry_monte_carlo`.
         pub sigma_ratio: f64 = 3.0,
     }
 

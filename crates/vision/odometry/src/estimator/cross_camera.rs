@@ -40,7 +40,7 @@ impl Odometry {
             .collect();
         let frontend = &self.config.frontend;
         let config = &frontend.cross_camera;
-        let ratio = self.cross_camera_ratio(state.time_ns);
+        let ratio = config.sigma_ratio;
         let count = self.cameras.len();
         let pairs = (0..count).flat_map(|to| (0..count).map(move |from| (from, to)));
         for (from, to) in pairs.filter(|(from, to)| from != to) {
@@ -97,7 +97,7 @@ impl Odometry {
 
     /// Adds the observations of landmarks in the newest frame to the window.
     pub(super) fn match_in_new_frames(&self, window: &mut Window, exposure_offset_s: &[f64]) {
-        let ratio = self.cross_camera_ratio(window.newest().state.time_ns);
+        let ratio = self.config.frontend.cross_camera.sigma_ratio;
         for (k, tracker) in self.trackers.iter().enumerate() {
             for track in &tracker.tracks {
                 if let Some(landmark) = window.landmarks.get_mut(&track.id) {
@@ -105,16 +105,6 @@ impl Odometry {
                     landmark.observe(self.number, observation, ratio);
                 }
             }
-        }
-    }
-
-    /// Factor on the sigma of observations across cameras. Without samples of an IMU the rotation
-    /// depends on them, and they are not widened.
-    pub(super) fn cross_camera_ratio(&self, time_ns: i64) -> f64 {
-        if self.is_imu_silent(time_ns) {
-            1.0
-        } else {
-            self.config.frontend.cross_camera.sigma_ratio
         }
     }
 

@@ -139,27 +139,6 @@ fn uncertainty_of_a_loss_without_imu_remains() {
     }
 }
 
-#[test]
-fn observations_across_cameras_are_widened_with_an_imu_only() {
-    let config = Config::preset(Preset::Balanced);
-    let mut odometry = Odometry::new(&rig(true), config);
-    // An IMU without samples is none.
-    assert_eq!(odometry.cross_camera_ratio(0), 1.0);
-    let sample = ImuSample {
-        time_ns: 0,
-        gyro: [0.0; 3],
-        accel: [0.0; 3],
-    };
-    odometry.add_imu(0, &sample);
-    let ratio = odometry.cross_camera_ratio(10_000_000);
-    assert_eq!(ratio, config.frontend.cross_camera.sigma_ratio);
-    assert!(ratio > 1.0);
-    let silent = config.estimator.reinitialization.imu_timeout_ns + 1;
-    assert_eq!(odometry.cross_camera_ratio(silent), 1.0);
-    let without = Odometry::new(&rig(false), config);
-    assert_eq!(without.cross_camera_ratio(0), 1.0);
-}
-
 /// Inliers are required of the cameras that gave images.
 #[test]
 fn absent_camera_does_not_widen_sigmas() {

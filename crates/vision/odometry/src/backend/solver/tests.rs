@@ -7,6 +7,7 @@ use cad_transforms::{RigidTransform, so3};
 use camera_models::{CameraModel, Distortion, Eye as Side};
 
 use super::*;
+use crate::backend::extrinsics::ExtrinsicsPrior;
 use crate::backend::gyro_scale::GyroScale;
 use crate::backend::marginalization::marginalize;
 use crate::backend::newest_pose::{pose_by_calibrations, refine_newest};
@@ -388,4 +389,62 @@ fn gyroscope_scale_is_estimated_and_remains_after_marginalization() {
     let of_prior = small.prior.gyro_scale.error;
     assert!((of_prior - found).amax() < 0.05, "{of_prior} {found}");
     assert!(covariance.is_some());
+}
+
+#[test]
+fn extrinsics_are_estimated_and_remain_after_marginalization() {
+    let exact = window(6, 0.0);
+    let config = &exact.config;
+    let of = crate::test_rig::stereo(0.06);
+    let each = exact.cameras.iter();
+    let priors: Vec<ExtrinsicsPrior> = each
+        .map(|camera| ExtrinsicsPrior::new(&config.extrinsics, &of, camera))
+        .collect();
+    let stereo = stereo::prior_information(config, &[of.clone(), of.clone()]);
+    let information = extrinsics::with_stereo(&priors, 1.0, &stereo);
+    let mut moved = exact.clone();
+    moved.prior = moved.prior.with_calibrations(&exact.cameras, &information);
+    add_gyroscope(&mut moved, &Vector3::zeros());
+    let error = nalgebra::Vector6::new(0.0, 0.0, 0.0, 3e-3, -2e-3, 4e-3);
+    // The nominal extrinsics of one camera are wrong.
+    extrinsics::apply_error(&mut moved.cameras[1], &error);
+    moved.prior.extrinsics[1] = moved.cameras[1].body_from_left;
+    let relative_error = |window: &Window| {
+        let relative = |cameras: &[Camera]| {
+            let [a, b] = [0, 1].map(|k| cameras[k].body_from_left.0);
+            a.transpose() * b
+        };
+        (relative(&window.cameras) - relative(&exact.cameras)).norm()
+    };
+    let prior_sigma = priors[1].sigmas()[3];
+    let before = relative_error(&moved);
+    for leaving in 0..3 {
+        let (_, covariance) = optimize_window(&mut moved, 8);
+        let calibrations = covariance.expect("a covariance").calibrations();
+        assert_eq!(calibrations.nrows(), 2 * CALIBRATION_DIM);
+        // Of the second camera against the first one.
+        let mut difference = DVector::zeros(calibrations.nrows());
+        (difference[3], difference[POSE_DIM + 3]) = (-1.0, 1.0);
+        let sigma = difference.dot(&(&calibrations * &difference)).sqrt();
+        assert!(sigma < 0.3 * prior_sigma, "{leaving}: {sigma}");
+        let after = relative_error(&moved);
+        assert!(after < 0.02 * before, "{leaving}: {after} of {before}");
+        marginalize(&mut moved, 0);
+        assert_eq!(moved.prior.extrinsics.len(), 2);
+    }
+}
+
+#[test]
+fn observations_across_cameras_count_less() {
+    let landmark = (window(2, 0.0).landmarks.into_values())
+        .find(|landmark| landmark.observations.iter().any(|(_, o)| o.camera == 1))
+        .expect("a landmark of both cameras");
+    let host = landmark.observations[0].1.camera;
+    for (number, observation) in &landmark.observations {
+        let mut copy = landmark.clone();
+        copy.observe(*number, *observation, 3.0);
+        let times = if observation.camera == host { 1.0 } else { 3.0 };
+        let basis = copy.observations.last().expect("the new one").1.left.basis;
+        assert!((basis * times - observation.left.basis).amax() < 1e-9);
+    }
 }
