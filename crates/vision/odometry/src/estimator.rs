@@ -302,6 +302,9 @@ impl Odometry {
             let sigma = self.config.estimator.camera_shift.sigma_ratio * shift.rotation_rad;
             self.unmodeled
                 .push(ResetUncertainty::of_rotation(window.newest().state, sigma));
+            // Of the frames before, those in the window have few observations of this camera left.
+            let variance = shift.rotation_rad.powi(2);
+            window.prior.add_rotation_variance(shift.camera, variance);
             self.camera_shifts.push(shift);
         }
         let (_, observed) = count_inliers(&window);

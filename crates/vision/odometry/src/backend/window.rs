@@ -12,7 +12,7 @@ use crate::backend::covariance::NewestCovariance;
 use crate::backend::extrinsics::Extrinsics;
 use crate::backend::gyro_scale::GyroScale;
 use crate::backend::observation::{BearingObservation, Camera};
-use crate::backend::state::{POSE_DIM, STATE_DIM, State};
+use crate::backend::state::{POSE_DIM, ROTATION, STATE_DIM, State};
 use crate::backend::stereo::{STEREO_DIM, StereoVector};
 use crate::config::BackendConfig;
 use crate::inertial::imu_buffer::Preintegrated;
@@ -117,6 +117,28 @@ impl Prior {
     ) -> Self {
         self.gyro_scale = GyroScale::estimated(self.gradient.len(), error, information);
         self
+    }
+
+    /// Adds this variance, rad², to the rotation of the left eye of a camera about each axis. The
+    /// estimate remains.
+    pub(crate) fn add_rotation_variance(&mut self, camera: usize, variance: f64) {
+        let at = self.at.len() * STATE_DIM + camera * POSE_DIM + ROTATION;
+        let scale = &mut self.gyro_scale.border;
+        // Woodbury identity, of the rows of the prior and the scale errors together.
+        let own = self.information.fixed_columns::<3>(at).into_owned();
+        let own_scale = scale.by.fixed_rows::<3>(at).into_owned();
+        let own_gradient = self.gradient.fixed_rows::<3>(at).into_owned();
+        let sum = Matrix3::identity() / variance + own.fixed_rows::<3>(at);
+        let Some(inverse) = sum.try_inverse() else {
+            return;
+        };
+        let weighted = &own * inverse;
+        self.information -= &weighted * own.transpose();
+        self.gradient -= &weighted * own_gradient;
+        let weighted_scale = own_scale.transpose() * inverse;
+        scale.by -= weighted * own_scale;
+        scale.information -= weighted_scale * own_scale;
+        scale.gradient -= weighted_scale * own_gradient;
     }
 
     /// Covariance of its frame and the calibrations; of a prior of a single frame.
@@ -277,5 +299,50 @@ impl Window {
                 .retain(|(number, _)| *number != frame.number);
             !landmark.observations.is_empty()
         });
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::backend::solver::tests::camera;
+
+    #[test]
+    fn rotation_variance_is_added_and_the_estimate_remains() {
+        let cameras = [camera(0.1, 0.0), camera(0.4, 0.0)];
+        let size = STATE_DIM + 2 * (POSE_DIM + STEREO_DIM);
+        let mixed = |rows: usize, columns: usize| {
+            DMatrix::from_fn(rows, columns, |i, j| (1.0 + (i * 7 + j * 3) as f64).sin())
+        };
+        let square = |root: &DMatrix<f64>| root * root.transpose() + DMatrix::identity(size, size);
+        let mut prior = Prior::of(1, State::at_rest(0), &[1.0; STATE_DIM]);
+        prior = prior.with_calibrations(&cameras, &DMatrix::identity(26, 26));
+        prior = prior.with_gyro_scale(Vector3::zeros(), Matrix3::identity());
+        prior.information = square(&mixed(size, size));
+        prior.gradient = mixed(size, 1).column(0).into_owned();
+        prior.gyro_scale.border.by = mixed(size, 3).fixed_columns::<3>(0) * 0.1;
+        prior.gyro_scale.border.gradient = Vector3::new(0.3, -0.2, 0.1);
+        let solved = |prior: &Prior| {
+            let scale = &prior.gyro_scale.border;
+            let mut all = prior.information.clone().resize(size + 3, size + 3, 0.0);
+            all.view_mut((0, size), (size, 3)).copy_from(&scale.by);
+            all.view_mut((size, 0), (3, size))
+                .copy_from(&scale.by.transpose());
+            all.view_mut((size, size), (3, 3))
+                .copy_from(&scale.information);
+            let mut gradient = prior.gradient.clone().resize_vertically(size + 3, 0.0);
+            gradient.rows_mut(size, 3).copy_from(&scale.gradient);
+            let covariance = all.try_inverse().expect("positive definite");
+            (&covariance * gradient, covariance)
+        };
+        let (estimate, mut expected) = solved(&prior);
+        let rotation_of_second = STATE_DIM + POSE_DIM + ROTATION;
+        for k in rotation_of_second..rotation_of_second + 3 {
+            expected[(k, k)] += 0.25;
+        }
+        prior.add_rotation_variance(1, 0.25);
+        let (after, covariance) = solved(&prior);
+        assert!((covariance - expected).amax() < 1e-9);
+        assert!((after - estimate).amax() < 1e-9);
     }
 }
