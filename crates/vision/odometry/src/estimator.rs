@@ -298,13 +298,16 @@ impl Odometry {
                     .copy_from(&covariance);
             }
         }
-        if let Some(shift) = camera_shift::find(&self.config.estimator.camera_shift, &window) {
+        if let Some((shift, rotation)) =
+            camera_shift::find(&self.config.estimator.camera_shift, &window)
+        {
             let sigma = self.config.estimator.camera_shift.sigma_ratio * shift.rotation_rad;
             self.unmodeled
                 .push(ResetUncertainty::of_rotation(window.newest().state, sigma));
-            // Of the frames before, those in the window have few observations of this camera left.
-            let variance = shift.rotation_rad.powi(2);
-            window.prior.add_rotation_variance(shift.camera, variance);
+            let inflation = self.config.backend.covariance.sigma_inflation;
+            let variance = (shift.rotation_rad / inflation).powi(2);
+            camera_shift::apply(&mut window, shift.camera, &rotation, variance);
+            (self.keyframe_covariance).add_rotation_variance(shift.camera, variance);
             self.camera_shifts.push(shift);
         }
         let (_, observed) = count_inliers(&window);
@@ -351,7 +354,7 @@ impl Odometry {
         if let Some(joint) = joint.filter(|_| is_keyframe) {
             self.keyframe_covariance = joint;
         }
-        // Features are matched with the estimated stereo calibrations.
+        // Features are matched with the estimated calibrations.
         self.cameras.clone_from(&window.cameras);
         stereo::set_covariances(
             &mut self.cameras,

@@ -3,7 +3,7 @@
 use cad_transforms::RigidTransform;
 use nalgebra::{Const, DMatrix, Dyn, Matrix3, Matrix6, Matrix6x2, OMatrix, SMatrix};
 
-use crate::backend::state::{POSE_DIM, STATE_DIM, State};
+use crate::backend::state::{POSE_DIM, ROTATION, STATE_DIM, State};
 use crate::backend::stereo::STEREO_DIM;
 use crate::config::CovarianceConfig;
 
@@ -43,6 +43,14 @@ impl NewestCovariance {
         self.joint.view((at, at), (size, size)).into_owned()
     }
 
+    /// Adds this variance, rad², to the rotation of the left eye of a camera about each axis.
+    pub(crate) fn add_rotation_variance(&mut self, camera: usize, variance: f64) {
+        let at = STATE_DIM + camera * POSE_DIM + ROTATION;
+        for k in at..(at + 3).min(self.joint.nrows()) {
+            self.joint[(k, k)] += variance;
+        }
+    }
+
     /// Covariance of the pose of a later state, which observes landmarks of this one and earlier
     /// ones. `by_calibrations` is the derivative of the motion since then by the errors of the
     /// calibrations.
@@ -71,8 +79,8 @@ impl NewestCovariance {
 }
 
 /// Adds errors that the covariance of the solver does not model: observations of one feature are
-/// correlated over frames, so that sigmas are multiplied by `sigma_inflation`, and calibrations
-/// other than those of stereo have constant errors. Values from simulated walks; see
+/// correlated over frames, so that sigmas are multiplied by `sigma_inflation`, and the lenses of the
+/// left eyes have constant errors. Values from simulated walks; see
 /// docs/decisions/0010-odometry.md.
 fn inflate(config: &CovarianceConfig, covariance: &Matrix6<f64>) -> Matrix6<f64> {
     let mut out = covariance * (config.sigma_inflation * config.sigma_inflation);

@@ -47,12 +47,15 @@ impl ExtrinsicsConfig {
 impl ExtrinsicsPrior {
     /// Prior of a camera of the rig.
     pub(crate) fn new(config: &ExtrinsicsConfig, of: &StereoCamera, camera: &Camera) -> Self {
-        let inverse = config
-            .prior_covariance(of.covariance.as_ref())
-            .try_inverse();
+        let information = |stated: Option<&Matrix6<f64>>| {
+            let factor = config.prior_covariance(stated).cholesky();
+            factor.map(|factor| factor.inverse())
+        };
+        // A stated covariance that is none is not used.
+        let found = information(of.covariance.as_ref()).or_else(|| information(None));
         Self {
             at: camera.body_from_left,
-            information: inverse
+            information: found
                 .unwrap_or_else(|| Matrix6::from_diagonal(&Vector6::from_element(1e12))),
         }
     }
@@ -113,9 +116,9 @@ pub(crate) fn error(at: &Extrinsics, now: &Extrinsics) -> Vector6<f64> {
     Vector6::from_fn(|k, _| if k < 3 { shift[k] } else { rotation[k - 3] })
 }
 
-/// Applies an error to the extrinsics of a camera.
-pub(crate) fn apply_error(camera: &mut Camera, error: &Vector6<f64>) {
-    let (rotation, translation) = &mut camera.body_from_left;
+/// Applies an error to extrinsics.
+pub(crate) fn apply_error(extrinsics: &mut Extrinsics, error: &Vector6<f64>) {
+    let (rotation, translation) = extrinsics;
     *translation += *rotation * error.fixed_rows::<3>(0);
     let by = so3::exp(error.fixed_rows::<3>(3).into_owned());
     *rotation *= by.to_rotation_matrix().into_inner();
@@ -147,6 +150,22 @@ pub(crate) fn jacobians_by_extrinsics(
 mod tests {
     use super::*;
     use crate::test_rig;
+
+    #[test]
+    fn invalid_covariance_is_not_used() {
+        let prior = |covariance: Option<Matrix6<f64>>| {
+            let of = StereoCamera {
+                covariance,
+                ..test_rig::stereo(0.1)
+            };
+            let camera = Camera::new(&of, &cad_transforms::RigidTransform::identity());
+            ExtrinsicsPrior::new(&Default::default(), &of, &camera).information
+        };
+        for invalid in [f64::NAN, -1e-3] {
+            assert_eq!(prior(Some(Matrix6::identity() * invalid)), prior(None));
+        }
+        assert!(prior(Some(Matrix6::zeros())).trace() > prior(None).trace());
+    }
 
     #[test]
     fn inflation_reduces_observation_information_and_preserves_the_prior() {

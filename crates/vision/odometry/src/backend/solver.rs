@@ -396,7 +396,10 @@ pub(crate) fn apply<'a>(
     let calibrations = &rows[window.frames.len()..];
     let (extrinsics, stereo) = calibrations.split_at(window.prior.extrinsics.len());
     for (camera, row) in window.cameras.iter_mut().zip(extrinsics) {
-        extrinsics::apply_error(camera, &step.fixed_rows::<POSE_DIM>(*row).into_owned());
+        extrinsics::apply_error(
+            &mut camera.body_from_left,
+            &step.fixed_rows::<POSE_DIM>(*row).into_owned(),
+        );
     }
     for (camera, row) in window.cameras.iter_mut().zip(stereo) {
         stereo::apply_error(camera, &step.fixed_rows::<STEREO_DIM>(*row).into_owned());

@@ -219,7 +219,7 @@ impl Window {
     /// Number of parameter blocks that observations depend on: poses of frames, followed by
     /// extrinsics of cameras and by stereo calibrations of cameras.
     pub(crate) fn blocks(&self) -> usize {
-        self.frames.len() + 2 * self.prior.stereo.len()
+        self.frames.len() + self.prior.extrinsics.len() + self.prior.stereo.len()
     }
 
     /// Block of the extrinsics of a camera.

@@ -1,13 +1,16 @@
 //! Detection of a camera that is moved on its plate while recording.
 //!
 //! Its residuals of old landmarks suddenly fit one common rotation, while those of the other
-//! cameras agree with the prediction. Afterwards it is unknown which cameras moved relative to the
-//! plate and how wrong the extrinsics are, so that a fraction of the rotation is added to the
-//! uncertainty of poses.
+//! cameras agree with the prediction. The window then takes the rotation as that of the camera, with
+//! a sigma as large as it, and forgets what the camera observed before. It is unknown which cameras
+//! moved relative to the plate, so that a fraction of the rotation is added to the uncertainty of
+//! poses.
 
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::{Matrix3, Vector3, Vector6};
 
+use crate::backend::extrinsics;
 use crate::backend::observation::{CameraPose, transfer};
+use crate::backend::state::ROTATION;
 use crate::backend::window::Window;
 use crate::config::CameraShiftConfig;
 
@@ -25,8 +28,12 @@ pub struct CameraShift {
 /// Predicted and measured bearing of a landmark, as unit rays in the left optical frame.
 type Pair = (Vector3<f64>, Vector3<f64>);
 
-/// Camera that was moved since the previous frame, if any. The pose of the newest frame is known.
-pub(crate) fn find(config: &CameraShiftConfig, window: &Window) -> Option<CameraShift> {
+/// Camera that was moved since the previous frame, if any, and the rotation from predicted to
+/// measured bearings in its axes. The pose of the newest frame is known.
+pub(crate) fn find(
+    config: &CameraShiftConfig,
+    window: &Window,
+) -> Option<(CameraShift, Vector3<f64>)> {
     let frame = window.newest();
     let mut pairs: Vec<Vec<Pair>> = vec![Vec::new(); window.cameras.len()];
     for landmark in window.landmarks.values() {
@@ -65,12 +72,31 @@ pub(crate) fn find(config: &CameraShiftConfig, window: &Window) -> Option<Camera
             && others_good as f64 >= config.min_other_inlier_ratio * others_all as f64;
         let rotation = is_alone.then(|| rotation(config, window, camera, &pairs[camera]))??;
         let inliers = count_inliers(config, window, camera, &pairs[camera], &rotation);
-        (inliers as f64 >= config.min_rotated_inlier_ratio * all as f64).then_some(CameraShift {
+        let shift = CameraShift {
             time_ns: frame.state.time_ns,
             camera,
             rotation_rad: rotation.norm(),
-        })
+        };
+        (inliers as f64 >= config.min_rotated_inlier_ratio * all as f64)
+            .then_some((shift, rotation))
     })
+}
+
+/// Rotates a camera of the window by a rotation of its bearings with this variance, rad², by the
+/// sigmas of the solver, and removes its observations and the landmarks that it hosts.
+pub(crate) fn apply(window: &mut Window, camera: usize, rotation: &Vector3<f64>, variance: f64) {
+    window.landmarks.retain(|_, landmark| {
+        let is_host = landmark.observations[0].1.camera == camera;
+        landmark.observations.retain(|(_, o)| o.camera != camera);
+        !is_host
+    });
+    let mut error = Vector6::zeros();
+    error.fixed_rows_mut::<3>(ROTATION).copy_from(&-rotation);
+    extrinsics::apply_error(&mut window.cameras[camera].body_from_left, &error);
+    if let Some(at) = window.prior.extrinsics.get_mut(camera) {
+        extrinsics::apply_error(at, &error);
+        window.prior.add_rotation_variance(camera, variance);
+    }
 }
 
 fn residual(pair: &Pair, rotation: &Vector3<f64>) -> Vector3<f64> {
@@ -117,8 +143,11 @@ fn rotation(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::backend::covariance::CALIBRATION_DIM;
     use crate::backend::solver::tests::window;
+    use crate::backend::state::{POSE_DIM, STATE_DIM};
     use cad_transforms::so3;
+    use nalgebra::DMatrix;
 
     /// Bearings of one camera with a rotation.
     fn rotation_rad(by: Vector3<f64>) -> Window {
@@ -137,9 +166,62 @@ mod tests {
     #[test]
     fn rotated_camera_is_detected() {
         let by = Vector3::new(0.02, -0.01, 0.03);
-        let shift = find(&Default::default(), &rotation_rad(by)).expect("a camera shift");
+        let window = rotation_rad(by);
+        let (shift, rotation) = find(&Default::default(), &window).expect("a camera shift");
         assert_eq!(shift.camera, 1);
+        assert!((rotation - by).norm() < 1e-3, "{rotation}");
         assert!((shift.rotation_rad - by.norm()).abs() < 1e-3, "{shift:?}");
+    }
+
+    /// Bearings of the landmarks of the other camera fit the camera again, and what the prior knew
+    /// of its rotation is gone.
+    #[test]
+    fn window_follows_the_camera() {
+        let by = Vector3::new(0.02, -0.01, 0.03);
+        let mut window = rotation_rad(by);
+        let cameras = window.cameras.len();
+        let size = cameras * CALIBRATION_DIM;
+        let information = DMatrix::identity(size, size) * 1e8;
+        window.prior = (window.prior).with_calibrations(&window.cameras, &information);
+        let number = window.newest().number;
+        let observed = window.clone();
+        let (shift, rotation) = find(&Default::default(), &window).expect("a camera shift");
+        let variance = rotation.norm_squared();
+        apply(&mut window, shift.camera, &rotation, variance);
+        let each = window.landmarks.values().flat_map(|l| &l.observations);
+        assert!(each.clone().count() > 100 && each.clone().all(|(_, o)| o.camera == 0));
+        let mut checked = 0;
+        for (id, landmark) in &window.landmarks {
+            let of_id = &observed.landmarks[id];
+            let (host_number, host) = &landmark.observations[0];
+            let frame = window.position(*host_number).expect("in the window");
+            let from = CameraPose::new(&window.frames[frame].state, host.exposure_offset_s);
+            for (n, observation) in &of_id.observations {
+                if (*n, observation.camera) != (number, 1) {
+                    continue;
+                }
+                let to = CameraPose::new(&window.newest().state, observation.exposure_offset_s);
+                let [from, to] = [(&window.cameras[0], &from), (&window.cameras[1], &to)];
+                let x = transfer(&host.left.ray, landmark.rho, from, to).x;
+                let angle = x.normalize().cross(&observation.left.ray).norm();
+                assert!(angle < 2e-3, "{angle}");
+                checked += 1;
+            }
+        }
+        assert!(checked > 10, "{checked}");
+        let error = extrinsics::error(
+            &window.prior.extrinsics[1],
+            &window.cameras[1].body_from_left,
+        );
+        assert!(error.amax() < 1e-12, "{error}");
+        let at = STATE_DIM + POSE_DIM + ROTATION;
+        let inverse = window
+            .prior
+            .information
+            .try_inverse()
+            .expect("a covariance");
+        assert!((inverse[(at, at)] - variance - 1e-8).abs() < 1e-9);
+        assert!((inverse[(at - POSE_DIM, at - POSE_DIM)] - 1e-8).abs() < 1e-12);
     }
 
     #[test]

@@ -287,8 +287,8 @@ fn cameras_with_common_landmarks_correct_their_extrinsics() {
     let information = extrinsics::with_stereo(&priors, 1.0, &stereo);
     moved.prior = moved.prior.with_calibrations(&exact.cameras, &information);
     let error = nalgebra::Vector6::new(0.0, 1e-3, 0.0, 0.01, -0.02, 0.01);
-    extrinsics::apply_error(&mut moved.cameras[1], &error);
-    extrinsics::apply_error(&mut moved.cameras[0], &(-0.5 * error));
+    extrinsics::apply_error(&mut moved.cameras[1].body_from_left, &error);
+    extrinsics::apply_error(&mut moved.cameras[0].body_from_left, &(-0.5 * error));
     let begun =
         bundle_adjustment::optimize(&Default::default(), &mut moved.clone(), &[], 1, &mut |_| {});
     assert!(!begun.is_converged && begun.iterations == 1);

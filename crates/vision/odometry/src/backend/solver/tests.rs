@@ -261,7 +261,7 @@ fn newest_pose_depends_on_the_calibrations_as_its_derivative_says() {
         let mut error = nalgebra::Vector6::zeros();
         error[column % POSE_DIM] = 2e-5;
         let mut other = exact.clone();
-        extrinsics::apply_error(&mut other.cameras[column / POSE_DIM], &error);
+        extrinsics::apply_error(&mut other.cameras[column / POSE_DIM].body_from_left, &error);
         check(column, 2e-5, other);
     }
     // The decentering, which is last, hardly changes inverse ranges.
@@ -407,7 +407,7 @@ fn extrinsics_are_estimated_and_remain_after_marginalization() {
     add_gyroscope(&mut moved, &Vector3::zeros());
     let error = nalgebra::Vector6::new(0.0, 0.0, 0.0, 3e-3, -2e-3, 4e-3);
     // The nominal extrinsics of one camera are wrong.
-    extrinsics::apply_error(&mut moved.cameras[1], &error);
+    extrinsics::apply_error(&mut moved.cameras[1].body_from_left, &error);
     moved.prior.extrinsics[1] = moved.cameras[1].body_from_left;
     let relative_error = |window: &Window| {
         let relative = |cameras: &[Camera]| {
@@ -430,7 +430,8 @@ fn extrinsics_are_estimated_and_remain_after_marginalization() {
         let after = relative_error(&moved);
         assert!(after < 0.02 * before, "{leaving}: {after} of {before}");
         marginalize(&mut moved, 0);
-        assert_eq!(moved.prior.extrinsics.len(), 2);
+        // What the prior knows is independent of where the iteration starts.
+        extrinsics::apply_error(&mut moved.cameras[0].body_from_left, &error);
     }
 }
 
