@@ -179,6 +179,7 @@ impl Mapping {
             .collect();
         let stereo = stereo::prior_information(&config.backend, &rig.cameras);
         Self {
+            // By stated sigmas, see `ExtrinsicsPrior::inflate`.
             calibration_information: extrinsics::with_stereo(&extrinsics, 1.0, &stereo),
             extrinsics,
             cameras,

@@ -84,9 +84,9 @@ config! {
         /// The same, additional and absolute, 1/m.
         pub max_inverse_range_error_per_m: f64 = 0.01,
         /// Factor on the sigma of observations of landmarks of another camera: warped patches are
-        /// matched less accurately, and their errors are correlated. Lower, the distance between
-        /// the cameras determines a wrong scale of the path; source: `cargo xtask bench
-        /// odometry_monte_carlo`.
+        /// matched less accurately, and their errors are correlated. With 1 the distance between
+        /// the cameras determines a wrong scale of the path; source:
+        /// docs/decisions/0010-odometry.md.
         pub sigma_ratio: f64 = 3.0,
     }
 
