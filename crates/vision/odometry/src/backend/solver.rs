@@ -271,6 +271,12 @@ pub(crate) fn for_each_residual(
     }
 }
 
+/// Initial and minimum damping, relative to the diagonal. Landmarks determine relative poses a
+/// hundred thousand times better than the IMU does the whole window after a time without images, so
+/// that a damping of 1e-5 would hold it where it is.
+const INITIAL_DAMPING: f64 = 1e-8;
+const MIN_DAMPING: f64 = 1e-10;
+
 /// Damping up to which a linear system gives the covariance.
 const MAX_COVARIANCE_DAMPING: f64 = 1e-4;
 
@@ -293,7 +299,7 @@ pub(crate) fn optimize_window(
         rounds: 0,
         cost: [0.0; 2],
     };
-    let mut damping = 1e-5;
+    let mut damping = INITIAL_DAMPING;
     let mut latest = None;
     let mut before: Option<f64> = None;
     for round in 0..rounds {
@@ -331,7 +337,7 @@ pub(crate) fn optimize_window(
             *window = moved;
             before = Some(after);
             solved.cost[1] = after;
-            damping = (damping * 0.1).max(1e-7);
+            damping = (damping * 0.1).max(MIN_DAMPING);
             if gained < window.config.convergence_ratio * now.max(1.0) || step.amax() < 1e-6 {
                 break;
             }

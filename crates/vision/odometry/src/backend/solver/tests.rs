@@ -12,7 +12,7 @@ use crate::backend::gyro_scale::GyroScale;
 use crate::backend::marginalization::marginalize;
 use crate::backend::newest_pose::{pose_by_calibrations, refine_newest};
 use crate::backend::observation::{BearingObservation, Camera};
-use crate::backend::state::{POSITION, ROTATION, State};
+use crate::backend::state::{POSITION, ROTATION, State, VELOCITY};
 use crate::backend::stereo::StereoVector;
 use crate::backend::window::{Frame, MotionFactor, Prior};
 use crate::inertial::imu_buffer::{Preintegrated, Reading};
@@ -201,17 +201,56 @@ fn window_converges_to_the_ground_truth_from_a_distant_start() {
 
 /// Velocity and biases are not observed: a constant-velocity factor constrains them weakly.
 pub(crate) fn add_constant_velocity(window: &mut Window) {
-    let last = window.frames.len() - 1;
-    window.frames[last].motion = Some(MotionFactor {
+    connect(window, window.frames.len() - 1);
+}
+
+/// Connects a frame to the one before by a constant-velocity factor.
+fn connect(window: &mut Window, frame: usize) {
+    window.frames[frame].motion = Some(MotionFactor {
         preintegrated: crate::inertial::propagation::constant_velocity(
             &Default::default(),
-            &window.frames[last - 1].state,
-            truth(last - 1).rate(),
-            window.frames[last].state.time_ns,
+            &window.frames[frame - 1].state,
+            truth(frame - 1).rate(),
+            window.frames[frame].state.time_ns,
         ),
         has_gravity: false,
         bias_walk: [1e-6; 2],
     });
+}
+
+/// As after a time without images: nothing but motion connects the first frame to the others, which
+/// all have the same error.
+#[test]
+fn weakly_connected_frames_move_together() {
+    let mut window = window(6, 0.0);
+    for landmark in window.landmarks.values_mut() {
+        landmark.observations.retain(|(number, _)| *number > 0);
+    }
+    (window.landmarks).retain(|_, landmark| !landmark.observations.is_empty());
+    for landmark in window.landmarks.values_mut() {
+        let host = &landmark.observations[0].1;
+        let right = host.right.expect("a stereo match");
+        landmark.rho = window.cameras[host.camera]
+            .triangulate(&host.left, &right)
+            .0;
+    }
+    let mut sigmas = [1e-4; STATE_DIM];
+    sigmas[VELOCITY..VELOCITY + 3].fill(3.0);
+    window.prior = Prior::of(0, truth(0), &sigmas);
+    for frame in 1..window.frames.len() {
+        connect(&mut window, frame);
+    }
+    let mut optimum = window.clone();
+    optimize_window(&mut optimum, 40);
+    let mut moved = window;
+    for frame in &mut moved.frames[1..] {
+        frame.state.position.x += 1.0;
+    }
+    optimize_window(&mut moved, 4);
+    for (frame, expected) in moved.frames.iter().zip(&optimum.frames) {
+        let error = frame.state.position - expected.state.position;
+        assert!(error.norm() < 0.02, "{}: {error}", frame.number);
+    }
 }
 
 #[test]
