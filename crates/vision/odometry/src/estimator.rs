@@ -113,7 +113,7 @@ pub struct Odometry {
     newest_is_keyframe: bool,
     /// Covariance of the state of the last keyframe and of the calibrations.
     keyframe_covariance: NewestCovariance,
-    /// Information of the calibrations at the start of the window: of the extrinsics of all cameras,
+    /// Information of the calibrations at the start of the window: extrinsics of all cameras,
     /// followed by their stereo calibrations.
     calibration_information: DMatrix<f64>,
     /// Scale errors of the gyroscope at the start of the window, and their information.

@@ -79,9 +79,8 @@ impl NewestCovariance {
 }
 
 /// Adds errors that the covariance of the solver does not model: observations of one feature are
-/// correlated over frames, so that sigmas are multiplied by `sigma_inflation`, and the lenses of the
-/// left eyes have constant errors. Values from simulated walks; see
-/// docs/decisions/0010-odometry.md.
+/// correlated over frames, so that sigmas are multiplied by `sigma_inflation`, and lenses of left
+/// eyes have constant errors. Values from simulated walks; see docs/decisions/0010-odometry.md.
 fn inflate(config: &CovarianceConfig, covariance: &Matrix6<f64>) -> Matrix6<f64> {
     let mut out = covariance * (config.sigma_inflation * config.sigma_inflation);
     for k in 0..3 {

@@ -86,8 +86,8 @@ impl ExtrinsicsPrior {
     }
 }
 
-/// Joint information of the calibrations of all cameras: of their extrinsics, which are independent,
-/// times `factor`, followed by that of their stereo calibrations.
+/// Joint information of the calibrations of all cameras: that of their extrinsics, which are
+/// independent, times `factor`, followed by that of their stereo calibrations.
 pub(crate) fn with_stereo(
     priors: &[ExtrinsicsPrior],
     factor: f64,

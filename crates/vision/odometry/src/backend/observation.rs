@@ -12,7 +12,6 @@
 use camera_models::{Eye as Side, Lens};
 use nalgebra::{Matrix2x3, Matrix3, SMatrix, Vector2, Vector3};
 
-use crate::backend::extrinsics::Extrinsics;
 use crate::backend::state::State;
 use crate::backend::stereo::{STEREO_DIM, StereoGeometry};
 use crate::rig::StereoCamera;
@@ -22,7 +21,7 @@ use crate::rig::StereoCamera;
 pub(crate) struct Camera {
     pub(crate) left: Lens,
     pub(crate) right: Lens,
-    pub(crate) body_from_left: Extrinsics,
+    pub(crate) body_from_left: (Matrix3<f64>, Vector3<f64>),
     /// Map to the right eye with the estimated error of the calibration, see
     /// [`StereoGeometry::right_from_left`].
     pub(crate) right_from_left: (Matrix3<f64>, Vector3<f64>),

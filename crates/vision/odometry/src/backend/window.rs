@@ -54,8 +54,8 @@ pub(crate) struct Prior {
     /// Extrinsics at the linearization point, one per camera if calibrations are estimated; else
     /// empty. Their rows follow those of the frames.
     pub(crate) extrinsics: Vec<Extrinsics>,
-    /// Errors of the stereo calibrations at the linearization point, as many. Their rows follow
-    /// those of the extrinsics.
+    /// Errors of the stereo calibrations at the linearization point, one per camera, or empty.
+    /// Their rows follow those of the extrinsics.
     pub(crate) stereo: Vec<StereoVector>,
     pub(crate) information: DMatrix<f64>,
     /// Gradient at the linearization point.

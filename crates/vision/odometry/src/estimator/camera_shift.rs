@@ -1,8 +1,8 @@
 //! Detection of a camera that is moved on its plate while recording.
 //!
 //! Its residuals of old landmarks suddenly fit one common rotation, while those of the other
-//! cameras agree with the prediction. The window then takes the rotation as that of the camera, with
-//! a sigma as large as it, and forgets what the camera observed before. It is unknown which cameras
+//! cameras agree with the prediction. The window then rotates the camera by it, with a sigma as
+//! large as the rotation, and forgets what the camera observed before. It is unknown which cameras
 //! moved relative to the plate, so that a fraction of the rotation is added to the uncertainty of
 //! poses.
 
@@ -173,8 +173,8 @@ mod tests {
         assert!((shift.rotation_rad - by.norm()).abs() < 1e-3, "{shift:?}");
     }
 
-    /// Bearings of the landmarks of the other camera fit the camera again, and what the prior knew
-    /// of its rotation is gone.
+    /// Bearings of the landmarks of the other camera fit the camera again, and the prior of its
+    /// rotation is as wide as the rotation.
     #[test]
     fn window_follows_the_camera() {
         let by = Vector3::new(0.02, -0.01, 0.03);
