@@ -149,10 +149,8 @@ impl Odometry {
         if let Some(covariance) = stereo_information.clone().try_inverse() {
             stereo::set_covariances(&mut cameras, inflation, &covariance);
         }
-        let nominal = rig.cameras.iter().zip(&cameras);
-        let priors: Vec<ExtrinsicsPrior> = nominal
-            .map(|(of, camera)| ExtrinsicsPrior::new(&config.backend.extrinsics, of, camera))
-            .collect();
+        let extrinsics =
+            ExtrinsicsPrior::of_rig(&config.backend.extrinsics, &rig.cameras, &cameras);
         Self {
             config,
             cameras,
@@ -170,8 +168,8 @@ impl Odometry {
                 Vector3::zeros(),
                 GyroScale::prior_information(config.backend.covariance.sigma_inflation),
             ),
-            calibration_information: extrinsics::with_stereo(
-                &priors,
+            calibration_information: extrinsics::joint_information(
+                &extrinsics,
                 inflation * inflation,
                 &stereo_information,
             ),
@@ -306,7 +304,7 @@ impl Odometry {
                 .push(ResetUncertainty::of_rotation(window.newest().state, sigma));
             let inflation = self.config.backend.covariance.sigma_inflation;
             let variance = (shift.rotation_rad / inflation).powi(2);
-            camera_shift::apply(&mut window, shift.camera, &rotation, variance);
+            camera_shift::rotate_camera(&mut window, shift.camera, &rotation, variance);
             (self.keyframe_covariance).add_rotation_variance(shift.camera, variance);
             self.camera_shifts.push(shift);
         }

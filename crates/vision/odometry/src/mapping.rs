@@ -171,16 +171,12 @@ impl Mapping {
     /// singular: for a sigma of 0, or for a correlation of 1 between several cameras.
     pub fn new(rig: &Rig, config: &Config) -> Self {
         let (cameras, body_from_rig) = body_frame(rig);
-        let nominal = rig.cameras.iter().zip(&cameras);
-        let extrinsics: Vec<ExtrinsicsPrior> = nominal
-            .map(|(nominal, camera)| {
-                ExtrinsicsPrior::new(&config.backend.extrinsics, nominal, camera)
-            })
-            .collect();
+        let extrinsics =
+            ExtrinsicsPrior::of_rig(&config.backend.extrinsics, &rig.cameras, &cameras);
         let stereo = stereo::prior_information(&config.backend, &rig.cameras);
         Self {
             // By stated sigmas, see `ExtrinsicsPrior::inflate`.
-            calibration_information: extrinsics::with_stereo(&extrinsics, 1.0, &stereo),
+            calibration_information: extrinsics::joint_information(&extrinsics, 1.0, &stereo),
             extrinsics,
             cameras,
             body_from_rig,

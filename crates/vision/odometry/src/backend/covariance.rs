@@ -46,7 +46,7 @@ impl NewestCovariance {
     /// Adds this variance, rad², to the rotation of the left eye of a camera about each axis.
     pub(crate) fn add_rotation_variance(&mut self, camera: usize, variance: f64) {
         let at = STATE_DIM + camera * POSE_DIM + ROTATION;
-        for k in at..(at + 3).min(self.joint.nrows()) {
+        for k in at..at + 3 {
             self.joint[(k, k)] += variance;
         }
     }

@@ -60,6 +60,17 @@ impl ExtrinsicsPrior {
         }
     }
 
+    /// Priors of all cameras of the rig.
+    pub(crate) fn of_rig(
+        config: &ExtrinsicsConfig,
+        of: &[StereoCamera],
+        cameras: &[Camera],
+    ) -> Vec<Self> {
+        let each = of.iter().zip(cameras);
+        each.map(|(of, camera)| Self::new(config, of, camera))
+            .collect()
+    }
+
     /// Standard deviations of the prior.
     pub(crate) fn sigmas(&self) -> Vector6<f64> {
         let covariance = self.information.try_inverse();
@@ -88,7 +99,7 @@ impl ExtrinsicsPrior {
 
 /// Joint information of the calibrations of all cameras: that of their extrinsics, which are
 /// independent, times `factor`, followed by that of their stereo calibrations.
-pub(crate) fn with_stereo(
+pub(crate) fn joint_information(
     priors: &[ExtrinsicsPrior],
     factor: f64,
     stereo: &DMatrix<f64>,

@@ -71,15 +71,15 @@ pub(crate) fn marginalize(window: &mut Window, leaving: usize) {
         .filter(|a| information.rows(a * STATE_DIM, STATE_DIM).amax() > 0.0)
         .collect();
     let frames = connected.len() * STATE_DIM;
-    let calibrations = rest.len() * STATE_DIM;
+    let calibrations_at = rest.len() * STATE_DIM;
     let pick = |k: usize| {
         if k < frames {
             connected[k / STATE_DIM] * STATE_DIM + k % STATE_DIM
         } else {
-            calibrations + k - frames
+            calibrations_at + k - frames
         }
     };
-    let count = frames + rows.len() - calibrations;
+    let count = frames + rows.len() - calibrations_at;
     let estimated = &window.cameras[..window.prior.stereo.len()];
     window.prior = Prior {
         at: connected

@@ -151,16 +151,14 @@ pub(crate) fn prior_error(window: &Window) -> DVector<f64> {
                 .copy_from(&residual);
         }
     }
-    let extrinsics_at = prior.at.len() * STATE_DIM;
     for (k, (at, camera)) in prior.extrinsics.iter().zip(&window.cameras).enumerate() {
         error
-            .fixed_rows_mut::<POSE_DIM>(extrinsics_at + k * POSE_DIM)
+            .fixed_rows_mut::<POSE_DIM>(prior.extrinsics_row(k))
             .copy_from(&extrinsics::error(at, &camera.body_from_left));
     }
-    let stereo_at = extrinsics_at + prior.extrinsics.len() * POSE_DIM;
     for (k, (at, camera)) in prior.stereo.iter().zip(&window.cameras).enumerate() {
         error
-            .fixed_rows_mut::<STEREO_DIM>(stereo_at + k * STEREO_DIM)
+            .fixed_rows_mut::<STEREO_DIM>(prior.stereo_row(k))
             .copy_from(&(camera.stereo.error - at));
     }
     error

@@ -119,10 +119,20 @@ impl Prior {
         self
     }
 
+    /// First row of the extrinsics of a camera.
+    pub(crate) fn extrinsics_row(&self, camera: usize) -> usize {
+        self.at.len() * STATE_DIM + camera * POSE_DIM
+    }
+
+    /// First row of the stereo calibration of a camera.
+    pub(crate) fn stereo_row(&self, camera: usize) -> usize {
+        self.extrinsics_row(self.extrinsics.len()) + camera * STEREO_DIM
+    }
+
     /// Adds this variance, rad², to the rotation of the left eye of a camera about each axis. The
     /// estimate remains.
     pub(crate) fn add_rotation_variance(&mut self, camera: usize, variance: f64) {
-        let at = self.at.len() * STATE_DIM + camera * POSE_DIM + ROTATION;
+        let at = self.extrinsics_row(camera) + ROTATION;
         let scale = &mut self.gyro_scale.border;
         // Woodbury identity, of the rows of the prior and the scale errors together.
         let own = self.information.fixed_columns::<3>(at).into_owned();
@@ -259,15 +269,13 @@ impl Window {
             let block = self.position(*number);
             (k * STATE_DIM, block, STATE_DIM)
         });
-        let extrinsics_at = self.prior.at.len() * STATE_DIM;
         let extrinsics = (0..self.prior.extrinsics.len()).map(|camera| {
             let block = Some(self.extrinsics_block(camera));
-            (extrinsics_at + camera * POSE_DIM, block, POSE_DIM)
+            (self.prior.extrinsics_row(camera), block, POSE_DIM)
         });
-        let stereo_at = extrinsics_at + self.prior.extrinsics.len() * POSE_DIM;
         let stereo = (0..self.prior.stereo.len()).map(|camera| {
             let block = Some(self.stereo_block(camera));
-            (stereo_at + camera * STEREO_DIM, block, STEREO_DIM)
+            (self.prior.stereo_row(camera), block, STEREO_DIM)
         });
         (frames.chain(extrinsics).chain(stereo))
             .filter_map(|(at, block, count)| {
@@ -305,18 +313,20 @@ impl Window {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::backend::covariance::CALIBRATION_DIM;
     use crate::backend::solver::tests::camera;
 
     #[test]
     fn rotation_variance_is_added_and_the_estimate_remains() {
         let cameras = [camera(0.1, 0.0), camera(0.4, 0.0)];
-        let size = STATE_DIM + 2 * (POSE_DIM + STEREO_DIM);
+        let size = STATE_DIM + cameras.len() * CALIBRATION_DIM;
         let mixed = |rows: usize, columns: usize| {
             DMatrix::from_fn(rows, columns, |i, j| (1.0 + (i * 7 + j * 3) as f64).sin())
         };
         let square = |root: &DMatrix<f64>| root * root.transpose() + DMatrix::identity(size, size);
         let mut prior = Prior::of(1, State::at_rest(0), &[1.0; STATE_DIM]);
-        prior = prior.with_calibrations(&cameras, &DMatrix::identity(26, 26));
+        let calibrations = cameras.len() * CALIBRATION_DIM;
+        prior = prior.with_calibrations(&cameras, &DMatrix::identity(calibrations, calibrations));
         prior = prior.with_gyro_scale(Vector3::zeros(), Matrix3::identity());
         prior.information = square(&mixed(size, size));
         prior.gradient = mixed(size, 1).column(0).into_owned();

@@ -84,7 +84,12 @@ pub(crate) fn find(
 
 /// Rotates a camera of the window by a rotation of its bearings with this variance, rad², by the
 /// sigmas of the solver, and removes its observations and the landmarks that it hosts.
-pub(crate) fn apply(window: &mut Window, camera: usize, rotation: &Vector3<f64>, variance: f64) {
+pub(crate) fn rotate_camera(
+    window: &mut Window,
+    camera: usize,
+    rotation: &Vector3<f64>,
+    variance: f64,
+) {
     window.landmarks.retain(|_, landmark| {
         let is_host = landmark.observations[0].1.camera == camera;
         landmark.observations.retain(|(_, o)| o.camera != camera);
@@ -187,7 +192,7 @@ mod tests {
         let observed = window.clone();
         let (shift, rotation) = find(&Default::default(), &window).expect("a camera shift");
         let variance = rotation.norm_squared();
-        apply(&mut window, shift.camera, &rotation, variance);
+        rotate_camera(&mut window, shift.camera, &rotation, variance);
         let each = window.landmarks.values().flat_map(|l| &l.observations);
         assert!(each.clone().count() > 100 && each.clone().all(|(_, o)| o.camera == 0));
         let mut checked = 0;

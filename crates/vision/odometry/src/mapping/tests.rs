@@ -5,7 +5,6 @@ use camera_models::{CameraModel, Distortion};
 use nalgebra::{UnitQuaternion, Vector3};
 
 use super::*;
-use crate::backend::extrinsics;
 use crate::config::Preset;
 use crate::keyframe::{BodyState, Keypoint, StereoObservation};
 use crate::rig::StereoCamera;
@@ -279,12 +278,10 @@ fn cameras_with_common_landmarks_correct_their_extrinsics() {
     let exact = crate::backend::solver::tests::window(5, 0.0);
     let mut moved = exact.clone();
     let nominal = &rig().cameras[0];
-    let priors: Vec<ExtrinsicsPrior> = (exact.cameras.iter())
-        .map(|camera| ExtrinsicsPrior::new(&Default::default(), nominal, camera))
-        .collect();
     let both = [nominal.clone(), nominal.clone()];
+    let priors = ExtrinsicsPrior::of_rig(&Default::default(), &both, &exact.cameras);
     let stereo = stereo::prior_information(&exact.config, &both);
-    let information = extrinsics::with_stereo(&priors, 1.0, &stereo);
+    let information = extrinsics::joint_information(&priors, 1.0, &stereo);
     moved.prior = moved.prior.with_calibrations(&exact.cameras, &information);
     let error = nalgebra::Vector6::new(0.0, 1e-3, 0.0, 0.01, -0.02, 0.01);
     extrinsics::apply_error(&mut moved.cameras[1].body_from_left, &error);

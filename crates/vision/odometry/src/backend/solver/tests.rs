@@ -434,13 +434,10 @@ fn gyroscope_scale_is_estimated_and_remains_after_marginalization() {
 fn extrinsics_are_estimated_and_remain_after_marginalization() {
     let exact = window(6, 0.0);
     let config = &exact.config;
-    let of = crate::test_rig::stereo(0.06);
-    let each = exact.cameras.iter();
-    let priors: Vec<ExtrinsicsPrior> = each
-        .map(|camera| ExtrinsicsPrior::new(&config.extrinsics, &of, camera))
-        .collect();
-    let stereo = stereo::prior_information(config, &[of.clone(), of.clone()]);
-    let information = extrinsics::with_stereo(&priors, 1.0, &stereo);
+    let both = [0.06, 0.06].map(crate::test_rig::stereo);
+    let priors = ExtrinsicsPrior::of_rig(&config.extrinsics, &both, &exact.cameras);
+    let stereo = stereo::prior_information(config, &both);
+    let information = extrinsics::joint_information(&priors, 1.0, &stereo);
     let mut moved = exact.clone();
     moved.prior = moved.prior.with_calibrations(&exact.cameras, &information);
     add_gyroscope(&mut moved, &Vector3::zeros());
