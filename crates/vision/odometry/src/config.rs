@@ -146,7 +146,7 @@ mod tests {
         );
         // Loss scales decrease.
         let decreases = |scales: &[f64]| scales.windows(2).all(|pair| pair[0] >= pair[1]);
-        assert!(decreases(&mapping.loop_closure.tukey_px));
+        assert!(decreases(&mapping.loop_closure.tukey_sigma));
         assert!(decreases(&backend.newest_pose.tukey_sigma));
         assert!(decreases(&backend.newest_pose.tukey_sigma_without_imu));
         assert!(mapping.loop_closure.cauchy_sigma < mapping.loop_closure.cauchy_sigma_first);

@@ -37,7 +37,7 @@ impl Stage<Input> for BundleAdjustmentStage {
     }
 
     fn version(&self) -> u32 {
-        13
+        14
     }
 
     fn inputs(&self) -> &'static [&'static str] {

@@ -51,11 +51,16 @@ config! {
         pub min_inliers: f64 = 12.0,
         /// Minimum fraction of all matches that are inliers.
         pub min_inlier_ratio: f64 = 0.3,
-        /// Scales of the Tukey loss, px, one per iteration. The first has to exceed the effect of
-        /// the drift on near points.
-        pub tukey_px: [f64; 10] = [60.0, 45.0, 32.0, 24.0, 16.0, 12.0, 9.0, 7.0, 6.0, 6.0],
+        /// Scales of the Tukey loss, in standard deviations, one per iteration. The first has to
+        /// exceed the effect of the drift on near points.
+        pub tukey_sigma: [f64; 10] = [43.0, 32.0, 23.0, 17.0, 11.5, 8.5, 6.5, 5.0, 4.3, 4.3],
+        /// Number of minimal samples. With 30 % of inliers 100 contain one without an outlier with
+        /// a probability of 93 %.
+        pub samples: u64 = 100,
         /// Standard deviation of a keypoint, px: corners are at whole pixels, and views differ.
         pub sigma_px: f64 = 1.4,
+        /// Standard deviation of its disparity, px.
+        pub disparity_sigma_px: f64 = 0.5,
         /// Maximum correction by a loop closure, m, in addition to the drift. A larger one is
         /// perceptual aliasing.
         pub max_correction_m: f64 = 0.3,

@@ -2,13 +2,13 @@
 //!
 //! Candidates are keyframes that may observe the same place according to their poses: close, with
 //! similar viewing directions, and far apart in time. Keypoints are matched by their descriptors.
-//! The relative pose is estimated from the predicted one by robust least squares with a decreasing
-//! scale. A closure with a larger correction than the possible drift is perceptual aliasing and is
-//! rejected. A loop closure enters bundle adjustment as a relative-pose factor with the covariance
-//! of its own solution.
+//! The relative pose is estimated robustly from the predicted one ([`relative_pose`]). A closure
+//! with a larger correction than the possible drift is perceptual aliasing and is rejected. A loop
+//! closure enters bundle adjustment as a relative-pose factor with the covariance of its own
+//! solution.
 
 use camera_models::Eye as Side;
-use nalgebra::{Matrix3, SMatrix, SVector, UnitQuaternion, Vector3};
+use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 use rayon::prelude::*;
 
 use super::LoopClosure;
@@ -21,6 +21,9 @@ use crate::config::LoopClosureConfig;
 use crate::frontend::descriptor::hamming_distance;
 use crate::keyframe::{Keyframe, Keypoint};
 use cad_transforms::so3;
+use relative_pose::{Match, RelativePose, RobustPose};
+
+mod relative_pose;
 
 /// Relative-pose factor of two keyframes, by index in the window.
 #[derive(Clone, Debug)]
@@ -205,15 +208,11 @@ struct PosedKeypoint<'a> {
     /// Body at the time of the keyframe from left optical frame at the time of the keypoint.
     body_from_left: Matrix3<f64>,
     arm: Vector3<f64>,
+    /// Inverse range with its standard deviation, 1/m, if stereo determines it.
+    range: Option<[f64; 2]>,
 }
 
 impl PosedKeypoint<'_> {
-    /// Point in the body frame, scaled by its inverse range, if known.
-    fn point(&self) -> Option<(Vector3<f64>, f64)> {
-        let rho = f64::from(self.keypoint.rho);
-        (rho > 0.0).then(|| (self.body_from_left * self.bearing.ray + self.arm * rho, rho))
-    }
-
     /// Optical axis in the body frame.
     fn axis(&self) -> Vector3<f64> {
         self.body_from_left.column(2).into_owned()
@@ -222,6 +221,7 @@ impl PosedKeypoint<'_> {
 
 /// Keypoints of one camera.
 fn pose_keypoints<'a>(
+    config: &LoopClosureConfig,
     keyframe: &'a Keyframe,
     state: &State,
     (index, camera): (usize, &Camera),
@@ -235,30 +235,22 @@ fn pose_keypoints<'a>(
         let (body_from_left, arm) = &camera.body_from_left;
         let translation = state.rotation.inverse() * (then.position - state.position);
         let rotation = then.then_from_state.transpose();
+        let rho = f64::from(keypoint.rho);
+        let sigma = || {
+            let right = camera.project_right(&bearing.ray, rho)?;
+            let right = camera.bearing(Side::Right, right)?;
+            Some(config.disparity_sigma_px / (right.basis * camera.right_from_left.1).norm())
+        };
+        let range = (rho > 0.0).then(sigma).flatten();
         Some(PosedKeypoint {
             keypoint,
             bearing,
+            range: range.map(|sigma| [rho, sigma]),
             body_from_left: rotation * body_from_left,
             arm: rotation * arm + translation,
         })
     });
     each.collect()
-}
-
-/// A keypoint of one keyframe that the other one observes.
-struct Match {
-    /// Point in the body frame of its keyframe, scaled by its inverse range.
-    x: Vector3<f64>,
-    rho: f64,
-    /// Extrinsics of the observing camera, and the measured bearing.
-    body_from_left: Matrix3<f64>,
-    arm: Vector3<f64>,
-    bearing: BearingMeasurement,
-    /// Whether the point belongs to the later keyframe and is observed by the earlier one.
-    is_back: bool,
-    /// Weight: if both keypoints have a range, each observes the other, and the information is
-    /// counted twice.
-    weight: f64,
 }
 
 fn close(
@@ -270,64 +262,24 @@ fn close(
     path_length: &[f64],
 ) -> Option<Closure> {
     let [a, b] = frames.map(|f| &window.frames[f].state);
-    let mut rotation = a.rotation.inverse() * b.rotation;
-    let mut translation = a.rotation.inverse() * (b.position - a.position);
-    let expected = (rotation, translation);
+    let expected = RelativePose {
+        rotation: a.rotation.inverse() * b.rotation,
+        translation: a.rotation.inverse() * (b.position - a.position),
+    };
     let matches = matches(config, from, to, (a, b), &window.cameras);
     let all: f64 = matches.iter().map(|m| m.weight).sum();
     if all < config.min_inliers {
         return None;
     }
-    let mut information = PoseMatrix::zeros();
-    let mut inlier_weight = 0.0;
-    for loss_scale in config.tukey_px {
-        let mut h = SMatrix::<f64, 6, 6>::identity() * 1e-6;
-        let mut g = SVector::<f64, 6>::zeros();
-        inlier_weight = 0.0;
-        let r: Matrix3<f64> = rotation.to_rotation_matrix().into_inner();
-        for m in &matches {
-            // Forward: first to second body. Backward: second to first.
-            let (in_body, by_translation, by_rotation) = if m.is_back {
-                let rotated = r * m.x;
-                (
-                    rotated + translation * m.rho,
-                    Matrix3::identity() * m.rho,
-                    -r * m.x.cross_matrix(),
-                )
-            } else {
-                let back = r.transpose() * (m.x - translation * m.rho);
-                (back, -r.transpose() * m.rho, back.cross_matrix())
-            };
-            let x = m.body_from_left.transpose() * (in_body - m.arm * m.rho);
-            let Some((residual, by)) = m.bearing.residual(&x) else {
-                continue;
-            };
-            let size = residual.norm() / loss_scale;
-            if size >= 1.0 {
-                continue;
-            }
-            inlier_weight += m.weight;
-            let weight =
-                m.weight * (1.0 - size * size).powi(2) / (config.sigma_px * config.sigma_px);
-            let by_body = by * m.body_from_left.transpose();
-            let mut j = SMatrix::<f64, 2, 6>::zeros();
-            j.fixed_columns_mut::<3>(0)
-                .copy_from(&(by_body * by_translation));
-            j.fixed_columns_mut::<3>(3)
-                .copy_from(&(by_body * by_rotation));
-            let weighted = j.transpose() * weight;
-            h += weighted * j;
-            g += weighted * residual;
-        }
-        let step = -h.cholesky()?.solve(&g);
-        translation += step.fixed_rows::<3>(0);
-        rotation *= so3::exp(step.fixed_rows::<3>(3).into_owned());
-        information = h;
-    }
+    let RobustPose {
+        pose,
+        information,
+        inlier_weight,
+    } = expected.estimate(config, &matches)?;
     let path_length = path_length[frames[1]] - path_length[frames[0]];
     let initial_error = [
-        (translation - expected.1).norm(),
-        rotation.angle_to(&expected.0),
+        (pose.translation - expected.translation).norm(),
+        pose.rotation.angle_to(&expected.rotation),
     ];
     let is_plausible = initial_error[0] < config.max_correction_m + config.drift_rate * path_length
         && initial_error[1] < config.max_correction_rad;
@@ -338,8 +290,8 @@ fn close(
     (is_plausible && is_consistent).then_some(Closure {
         frames,
         numbers: [from.number, to.number],
-        rotation,
-        translation,
+        rotation: pose.rotation,
+        translation: pose.translation,
         information,
         inliers: inlier_weight,
         initial_error,
@@ -360,7 +312,7 @@ fn matches(
     let r: Matrix3<f64> = rotation.to_rotation_matrix().into_inner();
     let all = |keyframe, state| -> Vec<Vec<PosedKeypoint<'_>>> {
         let each = cameras.iter().enumerate();
-        each.map(|camera| pose_keypoints(keyframe, state, camera))
+        each.map(|camera| pose_keypoints(config, keyframe, state, camera))
             .collect()
     };
     let (of_a, of_b) = (all(from, a), all(to, b));
@@ -415,20 +367,20 @@ fn matches(
                 if best(&keypoint_a.keypoint.descriptor, &mut all) != Some(q) {
                     continue;
                 }
-                let points = [keypoint_a.point(), keypoint_b.point()];
-                let weight = if points.iter().all(Option::is_some) {
+                let weight = if keypoint_a.range.is_some() && keypoint_b.range.is_some() {
                     0.5
                 } else {
                     1.0
                 };
-                for ((point, by), is_back) in points
-                    .into_iter()
-                    .zip([keypoint_b, keypoint_a])
-                    .zip([false, true])
-                {
-                    out.extend(point.map(|(x, rho)| Match {
-                        x,
+                for (point, by, is_back) in [
+                    (keypoint_a, keypoint_b, false),
+                    (keypoint_b, keypoint_a, true),
+                ] {
+                    out.extend(point.range.map(|[rho, rho_sigma]| Match {
+                        ray: point.body_from_left * point.bearing.ray,
+                        origin: point.arm,
                         rho,
+                        rho_sigma,
                         body_from_left: by.body_from_left,
                         arm: by.arm,
                         bearing: by.bearing,
