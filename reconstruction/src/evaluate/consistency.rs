@@ -17,6 +17,7 @@ use scene_bundle::{Pose, Status, Trajectory};
 use serde::Serialize;
 
 use super::align::transform;
+use super::statistics::Statistics;
 
 /// Chi-square quantiles exceeded with a probability of 0.27 %, as 3 sigmas of a normal
 /// distribution: for three and for six dimensions.
@@ -43,6 +44,11 @@ pub struct Consistency {
     pub within_rotation: f64,
     /// Ratio of poses with both within 3 sigmas.
     pub within: f64,
+    /// Median stated standard deviation of a position over the RMS error of positions: much more
+    /// than 1 is conservative. Infinite without errors.
+    pub sharpness_translation: f64,
+    /// The same of rotations.
+    pub sharpness_rotation: f64,
     /// Poses beyond 3 sigmas in position or rotation although they are not lost.
     pub silently_wrong: usize,
     /// Dead reckoned poses among them.
@@ -65,6 +71,8 @@ pub(crate) fn consistency(
     let mut within = [0_usize; 3];
     let (mut count, mut without, mut wrong, mut reckoned) = (0, 0, 0, 0);
     let mut first_wrong_ns = None;
+    let mut errors = [Vec::new(), Vec::new()];
+    let mut sigmas = [Vec::new(), Vec::new()];
     for (pose, truth) in std::iter::once((first, first_truth)).chain(poses) {
         let Some(covariance) = &pose.covariance else {
             without += 1;
@@ -73,6 +81,12 @@ pub(crate) fn consistency(
         count += 1;
         let error = (anchor * pose.world_from_rig).inverse() * truth;
         let squares = squares(&error, covariance);
+        let norms = [error.translation_m(), error.rotation_vector()];
+        for (k, [x, y, z]) in norms.into_iter().enumerate() {
+            let variance = |axis: usize| covariance.rows()[3 * k + axis][3 * k + axis];
+            errors[k].push((x * x + y * y + z * z).sqrt());
+            sigmas[k].push((variance(0) + variance(1) + variance(2)).sqrt());
+        }
         let [few, many] = CHI2_THREE_SIGMA;
         let limits = [few, few, many];
         for k in 0..3 {
@@ -90,6 +104,11 @@ pub(crate) fn consistency(
     }
     let mean = |k: usize| sums[k] / count as f64;
     let share = |k: usize| within[k] as f64 / count as f64;
+    let [sharpness_translation, sharpness_rotation] = [0, 1].map(|k| {
+        let [errors, sigmas] = [&mut errors[k], &mut sigmas[k]].map(std::mem::take);
+        let errors = Statistics::of(errors).map_or(0.0, |errors| errors.rmse);
+        Statistics::of(sigmas).map_or(f64::INFINITY, |sigmas| sigmas.median / errors)
+    });
     Some(Consistency {
         count,
         without,
@@ -99,6 +118,8 @@ pub(crate) fn consistency(
         within_translation: share(0),
         within_rotation: share(1),
         within: share(2),
+        sharpness_translation,
+        sharpness_rotation,
         silently_wrong: wrong,
         silently_wrong_dead_reckoned: reckoned,
         first_wrong_ns,

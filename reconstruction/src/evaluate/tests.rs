@@ -274,6 +274,11 @@ fn consistent_covariances_are_recognized_and_others_not() {
     assert!(right.within > 0.995, "{right:?}");
     assert!(right.silently_wrong < 30, "{right:?}");
     let twice = found(2.0);
+    for (of, expected) in [(&right, 1.0), (&twice, 0.5)] {
+        for found in [of.sharpness_translation, of.sharpness_rotation] {
+            assert!((found / expected - 1.0).abs() < 0.05, "{of:?}");
+        }
+    }
     assert!((twice.nees - 24.0).abs() < 1.5, "{twice:?}");
     assert!(twice.silently_wrong > 500 && twice.first_wrong_ns.is_some());
     assert!(found(0.5).within == 1.0);

@@ -31,6 +31,8 @@ pub(crate) fn errors(trajectory: &Trajectory, truth: &Trajectory) -> Value {
         "scale_percent": scale.map(|s| 100.0 * (1.0 / s.scale - 1.0)),
         "nees_position": consistency.map(|c| c.nees_translation / 3.0),
         "nees_rotation": consistency.map(|c| c.nees_rotation / 3.0),
+        "sharpness_position": consistency.map(|c| c.sharpness_translation),
+        "sharpness_rotation": consistency.map(|c| c.sharpness_rotation),
         "silently_wrong": consistency.map(|c| c.silently_wrong - c.silently_wrong_dead_reckoned),
         "compared": consistency.map(|c| c.count),
         "tracked": tracked.count(),

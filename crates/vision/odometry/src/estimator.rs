@@ -113,6 +113,8 @@ pub struct Odometry {
     newest_is_keyframe: bool,
     /// Covariance of the state of the last keyframe and of the calibrations.
     keyframe_covariance: NewestCovariance,
+    /// Priors of the extrinsics.
+    extrinsics: Vec<ExtrinsicsPrior>,
     /// Information of the calibrations at the start of the window: extrinsics of all cameras,
     /// followed by their stereo calibrations.
     calibration_information: DMatrix<f64>,
@@ -124,8 +126,8 @@ pub struct Odometry {
     odom_from_body: RigidTransform,
     /// Whether tracking is lost, until the window is reinitialized.
     is_lost: bool,
-    /// Uncertainties of earlier resets that the covariance of the window does not contain.
-    unmodeled: Vec<ResetUncertainty>,
+    /// Uncertainty of earlier resets that the covariance of the window does not contain.
+    unmodeled: Option<ResetUncertainty>,
     camera_shifts: Vec<CameraShift>,
     number: u64,
     next_track: u64,
@@ -173,11 +175,12 @@ impl Odometry {
                 inflation * inflation,
                 &stereo_information,
             ),
+            extrinsics,
             last: None,
             odom_from_keyframe: RigidTransform::identity(),
             odom_from_body: RigidTransform::identity(),
             is_lost: false,
-            unmodeled: Vec::new(),
+            unmodeled: None,
             camera_shifts: Vec::new(),
             number: 0,
             next_track: 0,
@@ -296,17 +299,8 @@ impl Odometry {
                     .copy_from(&covariance);
             }
         }
-        if let Some((shift, rotation)) =
-            camera_shift::find(&self.config.estimator.camera_shift, &window)
-        {
-            let sigma = self.config.estimator.camera_shift.sigma_ratio * shift.rotation_rad;
-            self.unmodeled
-                .push(ResetUncertainty::of_rotation(window.newest().state, sigma));
-            let inflation = self.config.backend.covariance.sigma_inflation;
-            let variance = (shift.rotation_rad / inflation).powi(2);
-            camera_shift::rotate_camera(&mut window, shift.camera, &rotation, variance);
-            (self.keyframe_covariance).add_rotation_variance(shift.camera, variance);
-            self.camera_shifts.push(shift);
+        if self.follow_camera_shift(&mut window) {
+            information = refine_newest(&mut window, &self.keyframe_covariance, 1, |_| true);
         }
         let (_, observed) = count_inliers(&window);
         let inliers = self.reject_outliers(&mut window);

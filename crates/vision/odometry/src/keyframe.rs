@@ -67,6 +67,9 @@ pub struct Keyframe {
     /// Estimated error of the stereo calibration of each camera, see
     /// [`RefinedStereo::error`](crate::mapping::RefinedStereo::error).
     pub stereo_errors: Vec<[f64; 7]>,
+    /// Estimated error of the extrinsics of each camera: small motion of its left optical frame in
+    /// its own axes, translation m and rotation rad.
+    pub extrinsics_errors: Vec<[f64; 6]>,
     /// Exposure offset of the middle row of each camera against the state, s; 0 without a frame.
     pub exposure_offset_s: Vec<f64>,
     /// Observations of tracked features.

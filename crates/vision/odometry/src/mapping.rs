@@ -403,6 +403,9 @@ impl Mapping {
             for (camera, error) in cameras.iter_mut().zip(&last.stereo_errors) {
                 stereo::apply_error(camera, &(*error).into());
             }
+            for (camera, error) in cameras.iter_mut().zip(&last.extrinsics_errors) {
+                extrinsics::apply_error(&mut camera.body_from_left, &(*error).into());
+            }
         }
         let mut landmarks = BTreeMap::new();
         for (id, mut observations) in observations {

@@ -104,7 +104,8 @@ impl Stage<Input> for BundleAdjustmentStage {
     }
 }
 
-/// The rig with refined camera extrinsics.
+/// The rig with refined camera extrinsics, and where they are significant with refined right lenses
+/// and extrinsics of right eyes.
 fn refined_rig(mut rig: RigModel, adjusted: &Refined, work: &Work<'_, Input>) -> RigModel {
     for (camera, mount) in rig.cameras.iter_mut().zip(&adjusted.extrinsics) {
         let place = format!(

@@ -41,7 +41,7 @@ impl Stage<Input> for OdometryStage {
     }
 
     fn version(&self) -> u32 {
-        14
+        15
     }
 
     fn inputs(&self) -> &'static [&'static str] {
@@ -207,6 +207,7 @@ fn to_tracked(keyframe: &::odometry::Keyframe) -> TrackedKeyframe {
         imu_valid: keyframe.imu_valid,
         exposure_offset_s: keyframe.exposure_offset_s.clone(),
         stereo_errors: keyframe.stereo_errors.clone(),
+        extrinsics_errors: keyframe.extrinsics_errors.clone(),
         observations: (keyframe.observations.iter())
             .map(|s| StereoObservation {
                 track: s.id,
@@ -242,6 +243,7 @@ pub(super) fn from_tracked(keyframe: TrackedKeyframe) -> ::odometry::Keyframe {
         imu_valid: keyframe.imu_valid,
         exposure_offset_s: keyframe.exposure_offset_s,
         stereo_errors: keyframe.stereo_errors,
+        extrinsics_errors: keyframe.extrinsics_errors,
         observations: (keyframe.observations.iter())
             .map(|s| ::odometry::keyframe::StereoObservation {
                 id: s.track,

@@ -29,6 +29,9 @@ pub(crate) struct Figures {
     pub(crate) poses: [usize; 3],
     /// RMS of errors in stated sigmas, of position and of rotation; 1 is right.
     pub(crate) sigmas: Option<[f64; 2]>,
+    /// Median stated sigma over the RMS error, of position and of rotation; 1 is sharp.
+    #[serde(default)]
+    pub(crate) sharpness: Option<[f64; 2]>,
     /// Ratio of poses within 3 sigmas, of position and of rotation; 0.9973 is right.
     pub(crate) within: Option<[f64; 2]>,
     /// Tracked poses beyond 3 stated sigmas in position or rotation.
@@ -89,6 +92,7 @@ impl Figures {
             ],
             sigmas: consistency
                 .map(|c| [c.nees_translation, c.nees_rotation].map(|n| (n / 3.0).sqrt())),
+            sharpness: consistency.map(|c| [c.sharpness_translation, c.sharpness_rotation]),
             within: consistency.map(|c| [c.within_translation, c.within_rotation]),
             silently_wrong: consistency.map_or(0, |c| c.silently_wrong) - reckoned,
             silently_wrong_dead_reckoned: reckoned,

@@ -22,10 +22,11 @@ const KEYFRAMES: &str = "keyframes.npy";
 const OBSERVATIONS: &str = "observations.npy";
 const KEYPOINTS: &str = "keypoints.npy";
 
-/// Components of the error of a stereo calibration.
+/// Components of the error of a stereo calibration, and of extrinsics.
 const STEREO_DIM: usize = 7;
+const EXTRINSICS_DIM: usize = 6;
 
-const KEYFRAME_COLUMNS: [Column; 13] = [
+const KEYFRAME_COLUMNS: [Column; 14] = [
     Column("set", Kind::U64, 1),
     Column("time_ns", Kind::I64, 1),
     Column("position_m", Kind::F64, 3),
@@ -37,6 +38,7 @@ const KEYFRAME_COLUMNS: [Column; 13] = [
     Column("imu_valid", Kind::U8, 1),
     Column("exposure_offset_s", Kind::F64, MAX_CAMERAS),
     Column("stereo_error", Kind::F64, STEREO_DIM * MAX_CAMERAS),
+    Column("extrinsics_error", Kind::F64, EXTRINSICS_DIM * MAX_CAMERAS),
     Column("observations", Kind::U64, 1),
     Column("keypoints", Kind::U64, 1),
 ];
@@ -79,6 +81,9 @@ pub struct TrackedKeyframe {
     /// y and z axes, rad; baseline, relative; focal length, relative; principal point along x, in
     /// focal lengths; decentering. At most [`MAX_CAMERAS`] values.
     pub stereo_errors: Vec<[f64; STEREO_DIM]>,
+    /// Estimated error of each camera's extrinsics: small motion of its left optical frame in its
+    /// own axes, translation m and rotation rad. At most [`MAX_CAMERAS`] values.
+    pub extrinsics_errors: Vec<[f64; EXTRINSICS_DIM]>,
     /// Observations of tracked features.
     pub observations: Vec<StereoObservation>,
     /// Keypoints for loop closure.
@@ -145,6 +150,9 @@ impl TracksWriter {
         let mut stereo_error = [0.0; STEREO_DIM * MAX_CAMERAS];
         let errors = keyframe.stereo_errors.as_flattened();
         stereo_error[..errors.len()].copy_from_slice(errors);
+        let mut extrinsics_error = [0.0; EXTRINSICS_DIM * MAX_CAMERAS];
+        let errors = keyframe.extrinsics_errors.as_flattened();
+        extrinsics_error[..errors.len()].copy_from_slice(errors);
         self.keyframes.row(|row| {
             row.u64(keyframe.set);
             row.i64(keyframe.time_ns);
@@ -157,6 +165,7 @@ impl TracksWriter {
             row.u8(u8::from(keyframe.imu_valid));
             row.f64(&exposure_offset_s);
             row.f64(&stereo_error);
+            row.f64(&extrinsics_error);
             row.u64(keyframe.observations.len() as u64);
             row.u64(keyframe.keypoints.len() as u64);
         })?;
@@ -242,6 +251,8 @@ pub fn read(reader: &OutputReader, cameras: usize) -> Result<Vec<TrackedKeyframe
         let exposure_offset_s: [f64; MAX_CAMERAS] = fields.f64();
         let stereo_error: [f64; STEREO_DIM * MAX_CAMERAS] = fields.f64();
         let (stereo_errors, _) = stereo_error.as_chunks::<STEREO_DIM>();
+        let extrinsics_error: [f64; EXTRINSICS_DIM * MAX_CAMERAS] = fields.f64();
+        let (extrinsics_errors, _) = extrinsics_error.as_chunks::<EXTRINSICS_DIM>();
         let (observation_count, keypoint_count) = (fields.u64() as usize, fields.u64() as usize);
         let keyframe = TrackedKeyframe {
             set,
@@ -254,6 +265,7 @@ pub fn read(reader: &OutputReader, cameras: usize) -> Result<Vec<TrackedKeyframe
             imu_valid,
             exposure_offset_s: exposure_offset_s[..cameras.min(MAX_CAMERAS)].to_vec(),
             stereo_errors: stereo_errors[..cameras.min(MAX_CAMERAS)].to_vec(),
+            extrinsics_errors: extrinsics_errors[..cameras.min(MAX_CAMERAS)].to_vec(),
             observations: observations.by_ref().take(observation_count).collect(),
             keypoints: keypoints.by_ref().take(keypoint_count).collect(),
         };

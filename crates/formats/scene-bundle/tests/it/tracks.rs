@@ -26,6 +26,11 @@ fn keyframe(k: u64, corners: u64) -> TrackedKeyframe {
             [1e-3, -2e-3, 0.0, 0.01, 0.0, 1e-4, 2e-3],
             [0.0; 7],
         ],
+        extrinsics_errors: vec![
+            [1e-3, 0.0, -1e-3, 4e-3, 0.0, 5e-3],
+            [0.0; 6],
+            [0.0, 2e-4, 0.0, 0.0, -1e-3, s * 1e-3],
+        ],
         observations: (0..corners)
             .map(|n| StereoObservation {
                 track: 1000 * k + n,

@@ -167,7 +167,7 @@ pub(crate) fn transport(from: &State, to: &State, covariance: &Matrix6<f64>) -> 
     jacobian * covariance * jacobian.transpose()
 }
 
-/// Its Jacobian.
+/// Jacobian of the rigid transport.
 fn transport_jacobian(from: &State, to: &State) -> Matrix6<f64> {
     let mut jacobian = Matrix6::identity();
     let rotation = from.rotation.to_rotation_matrix().into_inner();

@@ -2,7 +2,7 @@
 //!
 //! The error of extrinsics is a small motion of the left optical frame in its own axes,
 //! `[translation, rotation]`. The calibration is a prior: extrinsics that the data do not determine
-//! keep their nominal value.
+//! keep their nominal value, or that after a detected shift.
 
 use nalgebra::{DMatrix, Matrix3, Matrix6, Rotation3, SMatrix, UnitQuaternion, Vector3, Vector6};
 
@@ -24,8 +24,8 @@ pub(crate) struct ExtrinsicsPrior {
 }
 
 impl ExtrinsicsConfig {
-    /// Prior covariance of a small motion of a left eye in its own axes, m and rad, whose
-    /// calibration states this one or none.
+    /// Prior covariance of a small motion of a left optical frame in its own axes, m and rad, for
+    /// the stated covariance of its calibration, if any.
     ///
     /// ```
     /// use odometry::config::BackendConfig;
@@ -51,10 +51,11 @@ impl ExtrinsicsPrior {
             let factor = config.prior_covariance(stated).cholesky();
             factor.map(|factor| factor.inverse())
         };
-        // A stated covariance that is none is not used.
+        // An invalid stated covariance is ignored.
         let found = information(of.covariance.as_ref()).or_else(|| information(None));
         Self {
             at: camera.body_from_left,
+            // Configured sigmas of zero: exact.
             information: found
                 .unwrap_or_else(|| Matrix6::from_diagonal(&Vector6::from_element(1e12))),
         }
@@ -91,7 +92,7 @@ impl ExtrinsicsPrior {
         inflate.unwrap_or(covariance * (sigma_inflation * sigma_inflation))
     }
 
-    /// Error of a camera relative to the prior.
+    /// Error of a camera's extrinsics relative to the prior.
     pub(crate) fn error(&self, camera: &Camera) -> Vector6<f64> {
         error(&self.at, &camera.body_from_left)
     }

@@ -280,14 +280,14 @@ pub(crate) fn accumulate<S: NormalEquations>(
     damping: f64,
     empty: S,
 ) -> Accumulated<S> {
-    let mut accumulate = Accumulated {
+    let mut accumulated = Accumulated {
         sums: empty,
         cost: 0.0,
         landmark_blocks: Vec::with_capacity(landmarks.len()),
     };
     for landmark in landmarks {
-        let part = add(window, landmark, &mut accumulate.sums);
-        accumulate.cost += part.cost;
+        let part = add(window, landmark, &mut accumulated.sums);
+        accumulated.cost += part.cost;
         let mut own = part.own;
         own.information *= 1.0 + damping;
         if own.information > 0.0 {
@@ -295,22 +295,22 @@ pub(crate) fn accumulate<S: NormalEquations>(
             for (i, (a, by_a)) in own.by.iter().enumerate() {
                 let scaled = by_a * inverse;
                 for (b, by_b) in &own.by[i..] {
-                    accumulate.sums.add(*a, *b, &-(scaled * by_b.transpose()));
+                    accumulated.sums.add(*a, *b, &-(scaled * by_b.transpose()));
                 }
                 for (b, by_b) in &own.by_stereo {
-                    accumulate.sums.add(*a, *b, &-(scaled * by_b.transpose()));
+                    accumulated.sums.add(*a, *b, &-(scaled * by_b.transpose()));
                 }
-                accumulate.sums.add_gradient(*a, &(-scaled * own.gradient));
+                accumulated.sums.add_gradient(*a, &(-scaled * own.gradient));
             }
             for (i, (a, by_a)) in own.by_stereo.iter().enumerate() {
                 let scaled = by_a * inverse;
                 for (b, by_b) in &own.by_stereo[i..] {
-                    accumulate.sums.add(*a, *b, &-(scaled * by_b.transpose()));
+                    accumulated.sums.add(*a, *b, &-(scaled * by_b.transpose()));
                 }
-                accumulate.sums.add_gradient(*a, &(-scaled * own.gradient));
+                accumulated.sums.add_gradient(*a, &(-scaled * own.gradient));
             }
         }
-        accumulate.landmark_blocks.push(own);
+        accumulated.landmark_blocks.push(own);
     }
-    accumulate
+    accumulated
 }

@@ -1,11 +1,11 @@
 //! Estimation of the newest pose alone: landmarks and all other frames are fixed.
 
-use nalgebra::{Const, Dyn, OMatrix, SMatrix, SVector, Vector3};
+use nalgebra::{Const, Dyn, Matrix3, OMatrix, SMatrix, SVector, Vector3};
 
 use crate::backend::covariance::{CALIBRATION_DIM, NewestCovariance};
 use crate::backend::extrinsics::jacobians_by_extrinsics;
 use crate::backend::motion_factor;
-use crate::backend::observation::{BearingObservation, CameraPose, transfer};
+use crate::backend::observation::{BearingObservation, CameraPose};
 use crate::backend::reprojection::{ByPose, Residual, residuals};
 use crate::backend::state::{POSE_DIM, STATE_DIM, State};
 use crate::backend::stereo::STEREO_DIM;
@@ -18,9 +18,16 @@ pub(crate) struct NewestInformation {
     all: SMatrix<f64, STATE_DIM, STATE_DIM>,
     /// Of images alone, about the pose.
     images: SMatrix<f64, POSE_DIM, POSE_DIM>,
+    /// Cameras whose observations are in it, a bit each.
+    cameras: u64,
 }
 
 impl NewestInformation {
+    /// Whether observations of this camera are in it.
+    fn uses_camera(&self, camera: usize) -> bool {
+        self.cameras & (1 << camera) != 0
+    }
+
     /// Covariance of the pose, if the standard deviations of images are multiplied by `times`.
     pub(crate) fn pose_covariance(&self, times: f64) -> Option<SMatrix<f64, POSE_DIM, POSE_DIM>> {
         let mut information = self.all;
@@ -62,8 +69,8 @@ struct NewestObservation<'a> {
     observation: &'a BearingObservation,
     /// Pose of the body at the landmark's host.
     host: CameraPose,
-    /// Point relative to its origin in the axes of the world, scaled by its inverse range, and its
-    /// derivative by the inverse range.
+    /// Point relative to the body at the host, in the axes of the world, scaled by its inverse
+    /// range, and its derivative by the inverse range.
     x: Vector3<f64>,
     x_by_rho: Vector3<f64>,
 }
@@ -101,48 +108,59 @@ fn newest_observations<'a>(
         .collect()
 }
 
+/// Its point in the left frame of the newest frame, scaled by its inverse range, with Jacobians.
+struct NewestPoint {
+    x: Vector3<f64>,
+    by_rho: Vector3<f64>,
+    by_rotation: Matrix3<f64>,
+    left_from_world: Matrix3<f64>,
+}
+
 impl NewestObservation<'_> {
-    /// Residuals in both images, and their Jacobians by the pose.
-    fn linearize(&self, window: &Window, state: &State) -> [Option<(Residual, ByPose)>; 2] {
+    fn point(&self, window: &Window, state: &State) -> NewestPoint {
         let rho = self.landmark.rho;
-        let camera = &window.cameras[self.observation.camera];
         let pose = CameraPose::new(state, self.observation.exposure_offset_s);
-        let (rotation, arm) = &camera.body_from_left;
+        let (rotation, arm) = &window.cameras[self.observation.camera].body_from_left;
         let offset = self.host.position - pose.position;
         let in_target = pose.rotation.transpose() * (self.x + offset * rho);
-        let x = rotation.transpose() * (in_target - arm * rho);
         let left_from_world = rotation.transpose() * pose.rotation.transpose();
-        let by_rho = left_from_world * (self.x_by_rho + offset) - rotation.transpose() * arm;
-        let by_rotation = rotation.transpose() * in_target.cross_matrix() * pose.then_from_state;
-        let config = &window.config;
-        let each = residuals(camera, self.observation, &x, &by_rho, rho, false, config);
+        NewestPoint {
+            x: rotation.transpose() * (in_target - arm * rho),
+            by_rho: left_from_world * (self.x_by_rho + offset) - rotation.transpose() * arm,
+            by_rotation: rotation.transpose() * in_target.cross_matrix() * pose.then_from_state,
+            left_from_world,
+        }
+    }
+
+    /// Residuals in both images, and their Jacobians by the pose.
+    fn linearize(&self, window: &Window, point: &NewestPoint) -> [Option<(Residual, ByPose)>; 2] {
+        let (rho, config) = (self.landmark.rho, &window.config);
+        let camera = &window.cameras[self.observation.camera];
+        let (x, by_rho) = (&point.x, &point.by_rho);
+        let each = residuals(camera, self.observation, x, by_rho, rho, false, config);
         each.map(|residual| {
             let residual = residual?;
             let mut by_pose = ByPose::zeros();
             by_pose
                 .fixed_columns_mut::<3>(0)
-                .copy_from(&(-residual.by_x * left_from_world * rho));
+                .copy_from(&(-residual.by_x * point.left_from_world * rho));
             by_pose
                 .fixed_columns_mut::<3>(3)
-                .copy_from(&(residual.by_x * by_rotation));
+                .copy_from(&(residual.by_x * point.by_rotation));
             Some((residual, by_pose))
         })
     }
 
-    /// Jacobians of the point in the left frame by the extrinsics of the host and of the target.
-    fn by_extrinsics(&self, window: &Window, state: &State) -> [SMatrix<f64, 3, POSE_DIM>; 2] {
-        let (host, rho) = (&self.landmark.observations[0].1, self.landmark.rho);
-        let [host_camera, camera] =
-            [host.camera, self.observation.camera].map(|k| &window.cameras[k]);
-        let pose = CameraPose::new(state, self.observation.exposure_offset_s);
-        let x = transfer(
-            &host.left.ray,
-            rho,
-            (host_camera, &self.host),
-            (camera, &pose),
-        );
-        let now_from_then = x.left_from_world * self.host.rotation * host_camera.body_from_left.0;
-        jacobians_by_extrinsics(&host.left.ray, rho, &now_from_then, &x.x)
+    /// Jacobians of the point by the extrinsics of the host and of the target.
+    fn by_extrinsics(
+        &self,
+        window: &Window,
+        point: &NewestPoint,
+    ) -> [SMatrix<f64, 3, POSE_DIM>; 2] {
+        let host = &self.landmark.observations[0].1;
+        let (host_rotation, _) = &window.cameras[host.camera].body_from_left;
+        let now_from_then = point.left_from_world * self.host.rotation * host_rotation;
+        jacobians_by_extrinsics(&host.left.ray, self.landmark.rho, &now_from_then, &point.x)
     }
 }
 
@@ -152,7 +170,8 @@ fn tukey_weight(residual: &Residual, sigma_px: f64, scale: f64) -> Option<f64> {
     (size < 1.0).then(|| (1.0 - size * size).powi(2) / (sigma_px * sigma_px))
 }
 
-/// Derivative of the newest pose by the errors of the calibrations: the extrinsics of all cameras,
+/// Derivative of the newest pose by the errors of the calibrations, with the cameras of its
+/// information: the extrinsics of all cameras,
 /// followed by their stereo calibrations, which change the inverse ranges of all landmarks alike.
 pub(crate) fn pose_by_calibrations(
     window: &Window,
@@ -164,12 +183,13 @@ pub(crate) fn pose_by_calibrations(
     let stereo_at = window.cameras.len() * POSE_DIM;
     let mut gradient =
         OMatrix::<f64, Const<POSE_DIM>, Dyn>::zeros(window.cameras.len() * CALIBRATION_DIM);
-    for newest in newest_observations(window, |_| true) {
+    for newest in newest_observations(window, |camera| information.uses_camera(camera)) {
         let (landmark, camera) = (newest.landmark, newest.observation.camera);
         let host = &landmark.observations[0].1;
         let rho_by_host = window.cameras[host.camera].inverse_range_by_stereo(host, landmark.rho);
-        let by_extrinsics = newest.by_extrinsics(window, state);
-        for (r, by_pose) in newest.linearize(window, state).into_iter().flatten() {
+        let point = newest.point(window, state);
+        let by_extrinsics = newest.by_extrinsics(window, &point);
+        for (r, by_pose) in newest.linearize(window, &point).into_iter().flatten() {
             let Some(weight) = tukey_weight(&r, sigma, config.newest_pose.tukey_sigma_final) else {
                 continue;
             };
@@ -201,6 +221,9 @@ pub(crate) fn refine_newest(
     let last = window.frames.len() - 1;
     let config = window.config;
     let sigma = config.observation_sigma_px;
+    let cameras = (0..window.cameras.len())
+        .filter(|camera| uses_camera(*camera))
+        .fold(0, |bits, camera| bits | 1 << camera);
     let observations = newest_observations(window, uses_camera);
     // Without measured specific force the guess may have a large error.
     let has_gravity = window.frames[last]
@@ -222,7 +245,7 @@ pub(crate) fn refine_newest(
         let mut h = SMatrix::<f64, STATE_DIM, STATE_DIM>::zeros();
         let mut g = SVector::<f64, STATE_DIM>::zeros();
         for observation in &observations {
-            let both = observation.linearize(window, &state);
+            let both = observation.linearize(window, &observation.point(window, &state));
             for (r, j) in both.into_iter().flatten() {
                 let Some(weight) = tukey_weight(&r, sigma, scale) else {
                     continue;
@@ -252,7 +275,11 @@ pub(crate) fn refine_newest(
         if !step.iter().all(|v| v.is_finite()) {
             return None;
         }
-        information = Some(NewestInformation { all: h, images });
+        information = Some(NewestInformation {
+            all: h,
+            images,
+            cameras,
+        });
         state = state.plus(&step);
         if round >= reach.len() && step.fixed_rows::<POSE_DIM>(0).amax() < 1e-6 {
             break;

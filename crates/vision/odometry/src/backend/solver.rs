@@ -91,11 +91,11 @@ pub(crate) fn linearize(
         .map(|landmarks| accumulate(window, landmarks, damping, empty()))
         .collect();
     let mut compact = empty();
-    for accumulate in pieces {
-        compact.information += accumulate.sums.information;
-        compact.gradient += accumulate.sums.gradient;
-        cost += accumulate.cost;
-        landmark_blocks.extend(accumulate.landmark_blocks);
+    for piece in pieces {
+        compact.information += piece.sums.information;
+        compact.gradient += piece.sums.gradient;
+        cost += piece.cost;
+        landmark_blocks.extend(piece.landmark_blocks);
     }
     // Rows of poses among those of full states.
     let rows: Vec<usize> = (0..blocks)

@@ -14,7 +14,7 @@
 //! those of other points. A rotation about y adds a constant to all inverse ranges, which near and
 //! distant points contradict differently; only the baseline acts on all alike, and needs an IMU.
 
-use nalgebra::{DMatrix, Matrix3, SMatrix, SVector, Vector3};
+use nalgebra::{DMatrix, Matrix3, Matrix6, SMatrix, SVector, Vector3};
 
 use crate::backend::observation::{BearingMeasurement, Camera};
 use crate::config::{BackendConfig, StereoCalibrationConfig};
@@ -151,15 +151,15 @@ pub(crate) fn prior_information(config: &BackendConfig, cameras: &[StereoCamera]
     let mut covariance = DMatrix::zeros(size, size);
     let inflation = config.covariance.sigma_inflation;
     for (k, camera) in cameras.iter().enumerate() {
-        let stated = camera.right_from_left_covariance.as_ref();
+        let is_stated = stated(camera).is_some();
         for (component, sigma) in stereo.prior_sigmas(camera).into_iter().enumerate() {
             let own = k * STEREO_DIM + component;
             covariance[(own, own)] = (sigma / inflation).powi(2);
-            if stated.is_some() {
+            if is_stated {
                 continue;
             }
             for (j, other) in cameras.iter().enumerate() {
-                if j != k && other.right_from_left_covariance.is_none() {
+                if j != k && stated(other).is_none() {
                     let at = (own, j * STEREO_DIM + component);
                     covariance[at] = stereo.correlation * covariance[(own, own)];
                 }
@@ -207,7 +207,7 @@ impl StereoCalibrationConfig {
     /// # Ok::<(), Box<dyn std::error::Error>>(())
     /// ```
     pub fn prior_sigmas(&self, camera: &StereoCamera) -> [f64; STEREO_DIM] {
-        let Some(covariance) = &camera.right_from_left_covariance else {
+        let Some(covariance) = stated(camera) else {
             let rotation = self.rotation_sigma_rad;
             return [
                 rotation,
@@ -219,7 +219,7 @@ impl StereoCalibrationConfig {
                 self.decentering_sigma,
             ];
         };
-        let with_floor = |variance: f64, floor: f64| (variance.max(0.0) + floor * floor).sqrt();
+        let with_floor = |variance: f64, floor: f64| (variance + floor * floor).sqrt();
         let rotation = |axis: usize| {
             with_floor(
                 covariance[(3 + axis, 3 + axis)],
@@ -243,6 +243,16 @@ impl StereoCalibrationConfig {
     }
 }
 
+/// Stated covariance of the right eye, unless it is invalid: not finite, or with a negative
+/// variance.
+fn stated(camera: &StereoCamera) -> Option<&Matrix6<f64>> {
+    let covariance = camera.right_from_left_covariance.as_ref()?;
+    let is_finite = covariance.iter().all(|v| v.is_finite());
+    // Rounding makes a variance of zero negative.
+    let is_positive = || covariance.symmetric_eigenvalues().min() >= -1e-9 * covariance.trace();
+    (is_finite && covariance.trace() >= 0.0 && is_positive()).then_some(covariance)
+}
+
 /// Applies a step to the error of a camera.
 pub(crate) fn apply_error(camera: &mut Camera, step: &StereoVector) {
     camera.stereo.error += step;
@@ -253,7 +263,7 @@ pub(crate) fn apply_error(camera: &mut Camera, step: &StereoVector) {
 mod tests {
     use super::*;
     use camera_models::{Distortion, Eye, Lens};
-    use nalgebra::{Matrix6, Vector2};
+    use nalgebra::Vector2;
 
     /// A stereo camera whose lenses distort as wide-angle ones do.
     fn distorted() -> StereoCamera {
@@ -364,6 +374,21 @@ mod tests {
         let information = prior_information(&config, &cameras);
         assert_eq!(information[(1, 2 * STEREO_DIM + 1)], 0.0);
         assert!(information[(1, STEREO_DIM + 1)] < 0.0);
+    }
+
+    #[test]
+    fn invalid_covariance_is_not_stated() {
+        let sigmas = |covariance: Option<Matrix6<f64>>| {
+            let camera = StereoCamera {
+                right_from_left_covariance: covariance,
+                ..crate::test_rig::stereo(0.1)
+            };
+            StereoCalibrationConfig::default().prior_sigmas(&camera)
+        };
+        for invalid in [f64::NAN, f64::INFINITY, -1e-8] {
+            assert_eq!(sigmas(Some(Matrix6::identity() * invalid)), sigmas(None));
+        }
+        assert!(sigmas(Some(Matrix6::zeros()))[0] < sigmas(None)[0]);
     }
 
     #[test]

@@ -34,7 +34,7 @@ pub(super) enum Agreement {
     NoMajority(Matrix3<f64>),
 }
 
-/// Who contradicts whom.
+/// Result of the pairwise comparison.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Verdict {
     Unanimous,

@@ -6,8 +6,10 @@
 //! moved relative to the plate, so that a fraction of the rotation is added to the uncertainty of
 //! poses.
 
-use nalgebra::{Matrix3, Vector3, Vector6};
+use cad_transforms::so3;
+use nalgebra::{Matrix3, Matrix6, Vector3, Vector6};
 
+use super::Odometry;
 use crate::backend::extrinsics;
 use crate::backend::observation::{CameraPose, transfer};
 use crate::backend::state::ROTATION;
@@ -30,10 +32,7 @@ type Pair = (Vector3<f64>, Vector3<f64>);
 
 /// Camera that was moved since the previous frame, if any, and the rotation from predicted to
 /// measured bearings in its axes. The pose of the newest frame is known.
-pub(crate) fn find(
-    config: &CameraShiftConfig,
-    window: &Window,
-) -> Option<(CameraShift, Vector3<f64>)> {
+fn find(config: &CameraShiftConfig, window: &Window) -> Option<(CameraShift, Vector3<f64>)> {
     let frame = window.newest();
     let mut pairs: Vec<Vec<Pair>> = vec![Vec::new(); window.cameras.len()];
     for landmark in window.landmarks.values() {
@@ -82,14 +81,30 @@ pub(crate) fn find(
     })
 }
 
+impl Odometry {
+    /// Follows a camera that was moved since the previous frame. Returns whether one was; then the
+    /// newest pose has to be estimated again, without its observations.
+    pub(super) fn follow_camera_shift(&mut self, window: &mut Window) -> bool {
+        let config = &self.config.estimator.camera_shift;
+        let Some((shift, rotation)) = find(config, window) else {
+            return false;
+        };
+        let mut covariance = Matrix6::zeros();
+        let sigma = config.sigma_ratio * shift.rotation_rad;
+        (covariance.fixed_view_mut::<3, 3>(ROTATION, ROTATION)).fill_diagonal(sigma * sigma);
+        self.add_unmodeled(&window.newest().state, covariance);
+        let inflation = self.config.backend.covariance.sigma_inflation;
+        let variance = (shift.rotation_rad / inflation).powi(2);
+        rotate_camera(window, shift.camera, &rotation, variance);
+        (self.keyframe_covariance).add_rotation_variance(shift.camera, variance);
+        self.camera_shifts.push(shift);
+        true
+    }
+}
+
 /// Rotates a camera of the window by a rotation of its bearings with this variance, rad², by the
 /// sigmas of the solver, and removes its observations and the landmarks that it hosts.
-pub(crate) fn rotate_camera(
-    window: &mut Window,
-    camera: usize,
-    rotation: &Vector3<f64>,
-    variance: f64,
-) {
+fn rotate_camera(window: &mut Window, camera: usize, rotation: &Vector3<f64>, variance: f64) {
     window.landmarks.retain(|_, landmark| {
         let is_host = landmark.observations[0].1.camera == camera;
         landmark.observations.retain(|(_, o)| o.camera != camera);
@@ -105,7 +120,7 @@ pub(crate) fn rotate_camera(
 }
 
 fn residual(pair: &Pair, rotation: &Vector3<f64>) -> Vector3<f64> {
-    pair.1 - pair.0 - rotation.cross(&pair.0)
+    pair.1 - so3::exp(*rotation) * pair.0
 }
 
 fn count_inliers(
@@ -151,11 +166,10 @@ mod tests {
     use crate::backend::covariance::CALIBRATION_DIM;
     use crate::backend::solver::tests::window;
     use crate::backend::state::{POSE_DIM, STATE_DIM};
-    use cad_transforms::so3;
     use nalgebra::DMatrix;
 
     /// Bearings of one camera with a rotation.
-    fn rotation_rad(by: Vector3<f64>) -> Window {
+    fn window_with_rotated_camera(by: Vector3<f64>) -> Window {
         let mut window = window(4, 0.0);
         let number = window.newest().number;
         let observations = window
@@ -170,12 +184,13 @@ mod tests {
 
     #[test]
     fn rotated_camera_is_detected() {
-        let by = Vector3::new(0.02, -0.01, 0.03);
-        let window = rotation_rad(by);
-        let (shift, rotation) = find(&Default::default(), &window).expect("a camera shift");
-        assert_eq!(shift.camera, 1);
-        assert!((rotation - by).norm() < 1e-3, "{rotation}");
-        assert!((shift.rotation_rad - by.norm()).abs() < 1e-3, "{shift:?}");
+        for by in [[0.02, -0.01, 0.03], [0.06, -0.1, 0.12]].map(Vector3::from) {
+            let window = window_with_rotated_camera(by);
+            let (shift, rotation) = find(&Default::default(), &window).expect("a camera shift");
+            assert_eq!(shift.camera, 1);
+            assert!((rotation - by).norm() < 1e-3, "{rotation}");
+            assert!((shift.rotation_rad - by.norm()).abs() < 1e-3, "{shift:?}");
+        }
     }
 
     /// Bearings of the landmarks of the other camera fit the camera again, and the prior of its
@@ -183,7 +198,7 @@ mod tests {
     #[test]
     fn window_follows_the_camera() {
         let by = Vector3::new(0.02, -0.01, 0.03);
-        let mut window = rotation_rad(by);
+        let mut window = window_with_rotated_camera(by);
         let cameras = window.cameras.len();
         let size = cameras * CALIBRATION_DIM;
         let information = DMatrix::identity(size, size) * 1e8;
@@ -232,10 +247,13 @@ mod tests {
     #[test]
     fn static_camera_and_random_residuals_are_not_detected() {
         assert_eq!(
-            find(&Default::default(), &rotation_rad(Vector3::zeros())),
+            find(
+                &Default::default(),
+                &window_with_rotated_camera(Vector3::zeros())
+            ),
             None
         );
-        let mut window = rotation_rad(Vector3::zeros());
+        let mut window = window_with_rotated_camera(Vector3::zeros());
         let number = window.newest().number;
         let observations = window
             .landmarks

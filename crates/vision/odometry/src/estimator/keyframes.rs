@@ -90,6 +90,9 @@ impl Odometry {
             stereo_errors: (window.cameras.iter())
                 .map(|camera| camera.stereo.error.into())
                 .collect(),
+            extrinsics_errors: (self.extrinsics.iter().zip(&window.cameras))
+                .map(|(prior, camera)| prior.error(camera).into())
+                .collect(),
             exposure_offset_s: exposure_offset_s.to_vec(),
             observations: Vec::new(),
             keypoints: Vec::new(),

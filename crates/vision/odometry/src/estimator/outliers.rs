@@ -57,7 +57,7 @@ impl Odometry {
     pub(super) fn reject_outliers(&mut self, window: &mut Window) -> usize {
         let number = self.number;
         let newest = window.landmarks.values();
-        let without_imu: usize = newest.map(|l| l.observations.len() - l.since(number)).sum();
+        let observed: usize = newest.map(|l| l.observations.len() - l.since(number)).sum();
         // By camera and track id.
         let mut outliers = BTreeSet::new();
         for (id, entries) in find_outliers(window, |landmark| landmark.since(number)) {
@@ -73,7 +73,7 @@ impl Odometry {
         for (k, tracker) in self.trackers.iter_mut().enumerate() {
             tracker.tracks.retain(|t| !outliers.contains(&(k, t.id)));
         }
-        without_imu - outliers.len()
+        observed - outliers.len()
     }
 
     /// Discards all observations of the newest frame. Returns false if its motion factor has no
@@ -87,12 +87,12 @@ impl Odometry {
             .as_ref()
             .is_some_and(|m| m.has_gravity);
         let is_connected = has_gravity && !self.is_lost;
-        if is_connected {
-            for landmark in window.landmarks.values_mut() {
-                landmark.observations.retain(|(n, _)| *n != number);
-            }
-        } else {
-            window.landmarks.clear();
+        // Earlier landmarks remain: they determine the calibrations.
+        window.landmarks.retain(|_, landmark| {
+            landmark.observations.retain(|(n, _)| *n != number);
+            !landmark.observations.is_empty()
+        });
+        if !is_connected {
             for tracker in &mut self.trackers {
                 tracker.tracks.clear();
             }

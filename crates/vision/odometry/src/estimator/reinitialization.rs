@@ -17,7 +17,7 @@ use super::Odometry;
 use super::keyframes::finish_keyframe;
 use crate::backend::covariance::transport;
 use crate::backend::state::{ACCEL_BIAS, GYRO_BIAS, ROTATION, STATE_DIM, State};
-use crate::backend::window::Window;
+use crate::backend::window::{Landmark, Window};
 use crate::config::EstimatorConfig;
 use crate::estimator::initialization::initialize_static;
 use crate::inertial::imu_buffer::Reading;
@@ -33,15 +33,6 @@ pub(crate) struct ResetUncertainty {
 impl ResetUncertainty {
     /// Uncertainty of a pose: position in the world, rotation in the body.
     pub(crate) fn new(at: State, covariance: Matrix6<f64>) -> Self {
-        Self { at, covariance }
-    }
-
-    /// Uncertainty of the rotation alone, the same about all axes, rad.
-    pub(crate) fn of_rotation(at: State, sigma: f64) -> Self {
-        let mut covariance = Matrix6::zeros();
-        covariance
-            .fixed_view_mut::<3, 3>(ROTATION, ROTATION)
-            .fill_diagonal(sigma * sigma);
         Self { at, covariance }
     }
 
@@ -80,9 +71,9 @@ pub(crate) fn reinitialize(
         sigmas[GYRO_BIAS..ACCEL_BIAS].fill(config.reinitialization.bias_sigma[0]);
         sigmas[ACCEL_BIAS..].fill(config.reinitialization.bias_sigma[1]);
         if !readings.is_empty() {
-            let cross_covariance = guess.rotation * fresh.rotation.inverse();
+            let correction = guess.rotation * fresh.rotation.inverse();
             // Its part about the vertical.
-            let about_up = Quaternion::new(cross_covariance.w, 0.0, 0.0, cross_covariance.k);
+            let about_up = Quaternion::new(correction.w, 0.0, 0.0, correction.k);
             state.rotation = UnitQuaternion::new_normalize(about_up) * fresh.rotation;
         }
         // The window estimates the tilt: of the rotation only the heading remains outside.
@@ -130,16 +121,13 @@ impl Odometry {
     /// Adds to the uncertainty that the window does not contain, which becomes one at this state.
     pub(super) fn add_unmodeled(&mut self, at: &State, covariance: Matrix6<f64>) {
         let sum = self.with_unmodeled(at, covariance);
-        self.unmodeled = vec![ResetUncertainty::new(*at, sum)];
+        self.unmodeled = Some(ResetUncertainty::new(*at, sum));
     }
 
     /// Adds the uncertainty of resets to the covariance of a pose in the window.
     pub(super) fn with_unmodeled(&self, state: &State, covariance: Matrix6<f64>) -> Matrix6<f64> {
-        let each = self
-            .unmodeled
-            .iter()
-            .map(|uncertainty| uncertainty.at(state));
-        each.fold(covariance, |sum, more| sum + more)
+        let earlier = self.unmodeled.as_ref();
+        covariance + earlier.map_or_else(Matrix6::zeros, |earlier| earlier.at(state))
     }
 
     /// Starts a new window at the newest frame as soon as there are enough landmarks and IMU
@@ -162,7 +150,9 @@ impl Odometry {
                 _ => return,
             }
         }
-        if window.landmarks.len() < config.min_inliers {
+        let number = window.newest().number;
+        let is_new = |landmark: &Landmark| landmark.observations[0].0 == number;
+        if window.landmarks.values().filter(|l| is_new(l)).count() < config.min_inliers {
             return;
         }
         let covariance = self.with_unmodeled(&guess, *covariance);
@@ -185,15 +175,15 @@ impl Odometry {
         if let Some(information) = self.keyframe_covariance.calibrations().try_inverse() {
             self.calibration_information = information;
         }
-        // All landmarks are hosted by the newest frame.
-        let landmarks = std::mem::take(&mut window.landmarks);
+        let mut landmarks = std::mem::take(&mut window.landmarks);
+        landmarks.retain(|_, landmark| is_new(landmark));
         *window = Window {
             landmarks,
             ..self.window_of(state, &sigmas)
         };
         self.keyframe_covariance = window.prior.covariance();
         // The new uncertainty includes the previous ones.
-        self.unmodeled = vec![uncertainty];
+        self.unmodeled = Some(uncertainty);
         self.is_lost = false;
     }
 }

@@ -258,7 +258,7 @@ pub(super) struct Ended {
     pub(super) is_converged: bool,
 }
 
-/// Optimizes all states, landmarks and extrinsics in at most `max_iterations` iterations.
+/// Optimizes all states, landmarks, calibrations and scale errors of the gyroscope in at most `max_iterations` iterations.
 pub(super) fn optimize(
     config: &MappingConfig,
     window: &mut Window,
@@ -357,7 +357,7 @@ pub(super) fn filter_landmarks(config: &MappingConfig, window: &mut Window) {
 pub(super) struct Covariances {
     /// Of poses (position in the world, rotation in the body), one per keyframe.
     pub(super) poses: Vec<Matrix6<f64>>,
-    /// Of extrinsics, one for each estimated camera.
+    /// Of extrinsics, one per camera.
     pub(super) extrinsics: Vec<Matrix6<f64>>,
     /// Of the stereo calibrations, one per camera.
     pub(super) stereo: Vec<StereoMatrix>,

@@ -16,6 +16,7 @@ use super::bundle_adjustment::Progress;
 use crate::backend::landmark_elimination::{PoseMatrix, PoseVector};
 use crate::backend::observation::{self, BearingMeasurement, Camera};
 use crate::backend::state::State;
+use crate::backend::stereo::{self, StereoVector};
 use crate::backend::window::Window;
 use crate::config::LoopClosureConfig;
 use crate::frontend::descriptor::hamming_distance;
@@ -227,6 +228,12 @@ fn pose_keypoints<'a>(
     (index, camera): (usize, &Camera),
 ) -> Vec<PosedKeypoint<'a>> {
     let own = (keyframe.keypoints.iter()).filter(|m| usize::from(m.camera) == index);
+    // Ranges are from the calibration as it was estimated then.
+    let mut then_calibrated = camera.clone();
+    if let Some(error) = keyframe.stereo_errors.get(index) {
+        let difference = StereoVector::from(*error) - camera.stereo.error;
+        stereo::apply_error(&mut then_calibrated, &difference);
+    }
     let each = own.filter_map(|keypoint| {
         let bearing = camera.bearing(Side::Left, keypoint.left)?;
         let exposure_offset_s =
@@ -235,17 +242,18 @@ fn pose_keypoints<'a>(
         let (body_from_left, arm) = &camera.body_from_left;
         let translation = state.rotation.inverse() * (then.position - state.position);
         let rotation = then.then_from_state.transpose();
-        let rho = f64::from(keypoint.rho);
-        let sigma = || {
-            let right = camera.project_right(&bearing.ray, rho)?;
+        let range = || {
+            let right = then_calibrated.project_right(&bearing.ray, f64::from(keypoint.rho))?;
             let right = camera.bearing(Side::Right, right)?;
-            Some(config.disparity_sigma_px / (right.basis * camera.right_from_left.1).norm())
+            let (rho, _) = camera.triangulate(&bearing, &right);
+            let length = camera.in_right(&bearing.ray, rho).norm();
+            let by_rho = (right.basis * camera.right_from_left.1).norm() / length;
+            (rho > 0.0).then_some([rho, config.disparity_sigma_px / by_rho])
         };
-        let range = (rho > 0.0).then(sigma).flatten();
         Some(PosedKeypoint {
             keypoint,
             bearing,
-            range: range.map(|sigma| [rho, sigma]),
+            range: (keypoint.rho > 0.0).then(range).flatten(),
             body_from_left: rotation * body_from_left,
             arm: rotation * arm + translation,
         })
@@ -266,28 +274,32 @@ fn close(
         rotation: a.rotation.inverse() * b.rotation,
         translation: a.rotation.inverse() * (b.position - a.position),
     };
-    let matches = matches(config, from, to, (a, b), &window.cameras);
+    let matches = matches(config, from, to, (a, b), &expected, &window.cameras);
     let all: f64 = matches.iter().map(|m| m.weight).sum();
     if all < config.min_inliers {
         return None;
     }
+    let path_length = path_length[frames[1]] - path_length[frames[0]];
+    let max_correction_m = config.max_correction_m + config.drift_rate * path_length;
+    let correction = |pose: &RelativePose| {
+        [
+            (pose.translation - expected.translation).norm(),
+            pose.rotation.angle_to(&expected.rotation),
+        ]
+    };
+    let is_plausible = |pose: &RelativePose| {
+        let [distance_m, angle_rad] = correction(pose);
+        distance_m < max_correction_m && angle_rad < config.max_correction_rad
+    };
     let RobustPose {
         pose,
         information,
         inlier_weight,
-    } = expected.estimate(config, &matches)?;
-    let path_length = path_length[frames[1]] - path_length[frames[0]];
-    let initial_error = [
-        (pose.translation - expected.translation).norm(),
-        pose.rotation.angle_to(&expected.rotation),
-    ];
-    let is_plausible = initial_error[0] < config.max_correction_m + config.drift_rate * path_length
-        && initial_error[1] < config.max_correction_rad;
+    } = expected.estimate(config, &matches, is_plausible)?;
+    let initial_error = correction(&pose);
     let is_consistent =
         inlier_weight >= config.min_inliers && inlier_weight >= config.min_inlier_ratio * all;
-    // The translation is that of the second body in the axes of the first one, and independent of a
-    // rotation of the first.
-    (is_plausible && is_consistent).then_some(Closure {
+    is_consistent.then_some(Closure {
         frames,
         numbers: [from.number, to.number],
         rotation: pose.rotation,
@@ -304,12 +316,12 @@ fn matches(
     from: &Keyframe,
     to: &Keyframe,
     (a, b): (&State, &State),
+    predicted: &RelativePose,
     cameras: &[Camera],
 ) -> Vec<Match> {
     let mut out = Vec::new();
-    let rotation = a.rotation.inverse() * b.rotation;
-    let translation = a.rotation.inverse() * (b.position - a.position);
-    let r: Matrix3<f64> = rotation.to_rotation_matrix().into_inner();
+    let translation = predicted.translation;
+    let r: Matrix3<f64> = predicted.rotation.to_rotation_matrix().into_inner();
     let all = |keyframe, state| -> Vec<Vec<PosedKeypoint<'_>>> {
         let each = cameras.iter().enumerate();
         each.map(|camera| pose_keypoints(config, keyframe, state, camera))
@@ -333,21 +345,22 @@ fn matches(
                     (r.transpose() * x, rho)
                 })
                 .collect();
-            let best = |look: &[u64; 4], among: &mut dyn Iterator<Item = (usize, &[u64; 4])>| {
-                let (mut best, mut second) = ((u32::MAX, usize::MAX), u32::MAX);
-                for (k, other) in among {
-                    let bits = hamming_distance(look, other);
-                    if bits < best.0 {
-                        second = best.0;
-                        best = (bits, k);
-                    } else if bits < second {
-                        second = bits;
+            let best =
+                |descriptor: &[u64; 4], among: &mut dyn Iterator<Item = (usize, &[u64; 4])>| {
+                    let (mut best, mut second) = ((u32::MAX, usize::MAX), u32::MAX);
+                    for (k, other) in among {
+                        let bits = hamming_distance(descriptor, other);
+                        if bits < best.0 {
+                            second = best.0;
+                            best = (bits, k);
+                        } else if bits < second {
+                            second = bits;
+                        }
                     }
-                }
-                let sure = best.0 <= config.max_hamming
-                    && f64::from(best.0) < config.second_best_ratio * f64::from(second);
-                sure.then_some(best.1)
-            };
+                    let sure = best.0 <= config.max_hamming
+                        && f64::from(best.0) < config.second_best_ratio * f64::from(second);
+                    sure.then_some(best.1)
+                };
             for (q, keypoint_b) in keypoints_b.iter().enumerate() {
                 let is_near = |p: usize| {
                     let (x, rho) = &expected[p];

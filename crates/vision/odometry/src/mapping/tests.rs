@@ -37,7 +37,7 @@ fn rig() -> Rig {
 }
 
 const STEPS: usize = 60;
-const WINDOW_RADIUS_PX: f64 = 2.0;
+const PATH_RADIUS_M: f64 = 2.0;
 
 /// On a circle about the center of the ring, which is to its right, so that the camera faces
 /// outward; with sway.
@@ -48,8 +48,7 @@ fn truth(k: usize) -> (UnitQuaternion<f64>, Vector3<f64>) {
     let rotation = heading * UnitQuaternion::from_scaled_axis(sway);
     (
         rotation,
-        heading * Vector3::new(0.0, WINDOW_RADIUS_PX, 0.0)
-            - Vector3::new(0.0, WINDOW_RADIUS_PX, 0.0),
+        heading * Vector3::new(0.0, PATH_RADIUS_M, 0.0) - Vector3::new(0.0, PATH_RADIUS_M, 0.0),
     )
 }
 
@@ -65,9 +64,9 @@ fn points() -> Vec<(Vector3<f64>, [u64; 4])> {
     (0..900)
         .map(|_| {
             let angle = draw() as f64 / u64::MAX as f64 * std::f64::consts::TAU;
-            let far = WINDOW_RADIUS_PX + 1.5 + 2.5 * (draw() as f64 / u64::MAX as f64);
+            let far = PATH_RADIUS_M + 1.5 + 2.5 * (draw() as f64 / u64::MAX as f64);
             let up = 1.6 * (draw() as f64 / u64::MAX as f64) - 0.7;
-            let x = Vector3::new(far * angle.sin(), far * angle.cos() - WINDOW_RADIUS_PX, up);
+            let x = Vector3::new(far * angle.sin(), far * angle.cos() - PATH_RADIUS_M, up);
             (x, [draw(), draw(), draw(), draw()])
         })
         .collect()
@@ -146,6 +145,7 @@ fn keyframes_of(rig: &Rig, laps: usize, drift_m: f64, with_keypoints: bool) -> V
                 },
                 imu_valid: false,
                 stereo_errors: vec![[0.0; 7]],
+                extrinsics_errors: vec![[0.0; 6]],
                 exposure_offset_s: vec![0.0; cameras.len()],
                 observations,
                 keypoints,

@@ -76,8 +76,12 @@ fn write(to: &mut impl Write, keyframe: &Keyframe) -> std::io::Result<()> {
     ] {
         to.write_all(&(count as u32).to_le_bytes())?;
     }
-    let errors = keyframe.stereo_errors.as_flattened();
-    for number in keyframe.exposure_offset_s.iter().chain(errors) {
+    let stereo = keyframe.stereo_errors.as_flattened();
+    let extrinsics = keyframe.extrinsics_errors.as_flattened();
+    for number in (keyframe.exposure_offset_s.iter())
+        .chain(stereo)
+        .chain(extrinsics)
+    {
         to.write_all(&number.to_le_bytes())?;
     }
     for observation in &keyframe.observations {
@@ -131,15 +135,8 @@ fn read(from: &mut impl Read) -> std::io::Result<Keyframe> {
     let exposure_offset_s = (0..counts[0])
         .map(|_| Ok(f64::from_le_bytes(bytes(from)?)))
         .collect::<std::io::Result<_>>()?;
-    let stereo_errors = (0..counts[0])
-        .map(|_| {
-            let mut error = [0.0; 7];
-            for number in &mut error {
-                *number = f64::from_le_bytes(bytes(from)?);
-            }
-            Ok(error)
-        })
-        .collect::<std::io::Result<_>>()?;
+    let stereo_errors = errors(from, counts[0])?;
+    let extrinsics_errors = errors(from, counts[0])?;
     let observations = (0..counts[1])
         .map(|_| {
             let id = u64::from_le_bytes(bytes(from)?);
@@ -177,9 +174,22 @@ fn read(from: &mut impl Read) -> std::io::Result<Keyframe> {
         imu_valid: imu_valid == 1,
         exposure_offset_s,
         stereo_errors,
+        extrinsics_errors,
         observations,
         keypoints,
     })
+}
+
+/// Errors of calibrations with `N` components, one per camera.
+fn errors<const N: usize>(from: &mut impl Read, cameras: u32) -> std::io::Result<Vec<[f64; N]>> {
+    let error = |_| {
+        let mut error = [0.0; N];
+        for number in &mut error {
+            *number = f64::from_le_bytes(bytes(from)?);
+        }
+        Ok(error)
+    };
+    (0..cameras).map(error).collect()
 }
 
 fn bytes<const N: usize>(from: &mut (impl Read + ?Sized)) -> std::io::Result<[u8; N]> {

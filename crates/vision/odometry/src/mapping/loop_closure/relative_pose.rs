@@ -3,8 +3,8 @@
 //! A match is the point of one keyframe and its bearing in the other one. From the predicted pose
 //! least squares with a decreasing robust loss finds the nearest optimum. Where few matches of near
 //! points determine the translation, some wrong ones are enough for a wrong optimum, and minimal
-//! samples of three matches start it elsewhere (Fischler and Bolles 1981). The pose with the
-//! smallest truncated cost is taken (Torr and Zisserman 2000).
+//! samples of three matches start it elsewhere (Fischler and Bolles 1981). Of the plausible poses
+//! that with the smallest truncated cost is taken (Torr and Zisserman 2000).
 
 use cad_transforms::so3;
 use nalgebra::{Matrix2, Matrix3, SMatrix, UnitQuaternion, Vector2, Vector3};
@@ -160,35 +160,44 @@ impl RelativePose {
         Some(self)
     }
 
-    /// Truncated cost of all matches.
+    /// Truncated cost of all matches: twice the negative logarithm of their likelihood, with the
+    /// determinant of the covariance, which grows with the distance between both keyframes.
     fn cost(&self, config: &LoopClosureConfig, matches: &[Match], inlier_sigmas: f64) -> f64 {
+        let limit = inlier_sigmas * inlier_sigmas;
         let each = matches.iter().map(|m| {
-            let found = self.residual(config, m);
-            let size = found.map_or(1.0, |found| found.sigmas() / inlier_sigmas);
-            m.weight * (size * size).min(1.0)
+            let cost = self.residual(config, m).map_or(limit, |found| {
+                let keypoint = config.sigma_px.powi(4) * found.information.determinant();
+                found.sigmas().powi(2) - keypoint.ln()
+            });
+            m.weight * if cost < limit { cost } else { limit }
         });
         each.sum()
     }
 
-    /// Robust estimation from a predicted pose; `None` if matches do not determine one.
+    /// Robust estimation from a predicted pose; `None` if matches do not determine a plausible
+    /// one.
     pub(super) fn estimate(
         self,
         config: &LoopClosureConfig,
         matches: &[Match],
+        is_plausible: impl Fn(&Self) -> bool,
     ) -> Option<RobustPose> {
         let inlier_sigmas = config.tukey_sigma[config.tukey_sigma.len() - 1];
         let cost = |pose: &Self| pose.cost(config, matches, inlier_sigmas);
-        let nearest = self.refine(config, matches, &config.tukey_sigma)?;
+        // Of a pair of keypoints that observe each other, one match is enough.
+        let pairs = matches.iter().filter(|m| m.weight == 1.0 || !m.is_back);
+        let pairs: Vec<&Match> = pairs.collect();
         let sampled = (0..config.samples)
-            .filter_map(|number| self.fit(config, sample(matches, number)?))
+            .filter_map(|number| self.fit(config, sample(&pairs, number)?))
+            .filter(&is_plausible)
             .map(|pose| (cost(&pose), pose))
             .min_by(|a, b| a.0.total_cmp(&b.0));
         let final_scales = &config.tukey_sigma[config.tukey_sigma.len() / 2..];
-        let other = sampled.and_then(|(_, pose)| pose.refine(config, matches, final_scales));
-        Some(match other {
-            Some(other) if cost(&other.pose) < cost(&nearest.pose) => other,
-            _ => nearest,
-        })
+        let nearest = self.refine(config, matches, &config.tukey_sigma);
+        let sampled = sampled.and_then(|(_, pose)| pose.refine(config, matches, final_scales));
+        ([nearest, sampled].into_iter().flatten())
+            .filter(|found| is_plausible(&found.pose))
+            .min_by(|a, b| cost(&a.pose).total_cmp(&cost(&b.pose)))
     }
 }
 
@@ -197,7 +206,7 @@ const SAMPLE: usize = 3;
 const FIT_ITERATIONS: usize = 5;
 
 /// Sample with this number, of different matches; `None` if there are too few.
-fn sample(matches: &[Match], number: u64) -> Option<[&Match; SAMPLE]> {
+fn sample<'a>(matches: &[&'a Match], number: u64) -> Option<[&'a Match; SAMPLE]> {
     if matches.len() < SAMPLE {
         return None;
     }
@@ -206,7 +215,8 @@ fn sample(matches: &[Match], number: u64) -> Option<[&Match; SAMPLE]> {
         // Mixed as in SplitMix64 (Steele et al. 2014).
         let mut mixed = (number * SAMPLE as u64 + k as u64 + 1).wrapping_mul(0x9e37_79b9_7f4a_7c15);
         mixed = (mixed ^ (mixed >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        mixed ^= mixed >> 27;
+        mixed = (mixed ^ (mixed >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        mixed ^= mixed >> 31;
         // Of those that remain: skips the ones before it, in ascending order.
         let mut index = (mixed % (matches.len() - k) as u64) as usize;
         let mut taken = chosen;
@@ -216,15 +226,18 @@ fn sample(matches: &[Match], number: u64) -> Option<[&Match; SAMPLE]> {
         }
         chosen[k] = index;
     }
-    Some(chosen.map(|index| &matches[index]))
+    Some(chosen.map(|index| matches[index]))
 }
 
 impl Residual {
     /// Mahalanobis distance.
     fn sigmas(&self) -> f64 {
-        (self.residual.dot(&(self.information * self.residual)))
-            .max(0.0)
-            .sqrt()
+        let squared = self.residual.dot(&(self.information * self.residual));
+        if squared.is_finite() {
+            squared.max(0.0).sqrt()
+        } else {
+            f64::INFINITY
+        }
     }
 }
 
@@ -284,8 +297,18 @@ mod tests {
         let nearest = predicted.refine(&config, &matches, &config.tukey_sigma);
         let nearest = nearest.expect("a pose");
         assert!(error(&nearest) > 0.1, "{}", error(&nearest));
-        let found = predicted.estimate(&config, &matches).expect("a pose");
+        let found = predicted
+            .estimate(&config, &matches, |_| true)
+            .expect("a pose");
         assert!(error(&found) < 1e-3, "{}", error(&found));
+        // A pose that drift cannot explain is no alternative.
+        let is_near = |pose: &RelativePose| pose.translation.norm() < 0.2;
+        let near = predicted.estimate(&config, &matches, is_near);
+        assert!(
+            near.is_some_and(
+                |near| (near.pose.translation - nearest.pose.translation).norm() < 1e-3
+            )
+        );
         assert!(found.inlier_weight >= 50.0, "{}", found.inlier_weight);
     }
 
@@ -300,7 +323,7 @@ mod tests {
             for m in &mut matches {
                 m.rho_sigma *= rho_sigma_factor;
             }
-            let found = truth.estimate(&config, &matches).expect("a pose");
+            let found = truth.estimate(&config, &matches, |_| true).expect("a pose");
             let covariance = found.information.try_inverse().expect("determined");
             covariance[(2, 2)].sqrt()
         };
@@ -313,6 +336,7 @@ mod tests {
     fn samples_are_of_different_matches() {
         let camera = camera(0.0, 0.0);
         let matches = observe(&camera, &pose([0.0; 3], 0.0), 5, 4.0);
+        let matches: Vec<&Match> = matches.iter().collect();
         for number in 0..200 {
             let some = sample(&matches, number).expect("enough matches");
             for k in 0..SAMPLE {
