@@ -107,22 +107,22 @@ impl Stage<Input> for BundleAdjustmentStage {
 /// The rig with refined camera extrinsics, and where they are significant with refined right lenses
 /// and extrinsics of right eyes.
 fn refined_rig(mut rig: RigModel, adjusted: &Refined, work: &Work<'_, Input>) -> RigModel {
-    for (camera, mount) in rig.cameras.iter_mut().zip(&adjusted.extrinsics) {
-        let place = format!(
+    for (camera, extrinsics) in rig.cameras.iter_mut().zip(&adjusted.extrinsics) {
+        let deviation = format!(
             "{:.1} mm and {:.2} degrees from its calibrated pose",
-            1e3 * mount.initial_error[0],
-            mount.initial_error[1].to_degrees()
+            1e3 * extrinsics.initial_error[0],
+            extrinsics.initial_error[1].to_degrees()
         );
-        if mount.is_moved {
+        if extrinsics.is_moved {
             work.record_loss(format!(
-                "camera {} is {place}: it was moved since, or the calibration is another rig's; poses and depth use the refined extrinsics",
+                "camera {} is {deviation}: it was moved since, or the calibration is another rig's; poses and depth use the refined extrinsics",
                 camera.name
             ));
         } else {
-            work.note(format!("camera {} is estimated {place}", camera.name));
+            work.note(format!("camera {} is estimated {deviation}", camera.name));
         }
-        camera.rig_from_left = mount.rig_from_left;
-        camera.rig_from_left_covariance = before::covariance(&mount.covariance);
+        camera.rig_from_left = extrinsics.rig_from_left;
+        camera.rig_from_left_covariance = before::covariance(&extrinsics.covariance);
     }
     for (camera, stereo) in rig.cameras.iter_mut().zip(&adjusted.stereo) {
         let error = stereo_error(camera, stereo);
@@ -197,17 +197,17 @@ fn refined_poses(causal: &Trajectory, odom: &Trajectory, adjusted: &Refined) -> 
         .map(|p| (p.time_ns, p.status == Status::Lost))
         .collect();
     let interpolated = interpolate_poses(&odom, &adjusted.poses);
-    let ties = adjusted.connectivity(&lost);
-    let poses = causal.poses().iter().zip(interpolated).zip(ties);
+    let connectivity = adjusted.connectivity(&lost);
+    let poses = causal.poses().iter().zip(interpolated).zip(connectivity);
     poses
-        .map(|((pose, interpolated), tie)| {
-            let covariance = match tie {
+        .map(|((pose, interpolated), connectivity)| {
+            let covariance = match connectivity {
                 Connectivity::Unconstrained => pose.covariance,
                 Connectivity::Continuous | Connectivity::LoopClosed => {
                     before::covariance(&interpolated.covariance)
                 }
             };
-            let status = match (pose.status, tie) {
+            let status = match (pose.status, connectivity) {
                 (Status::Tracked, Connectivity::LoopClosed) => Status::Relocalised,
                 (status, _) => status,
             };

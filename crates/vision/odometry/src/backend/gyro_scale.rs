@@ -1,6 +1,6 @@
 //! Scale error of the gyroscope about each axis, estimated with the states.
 //!
-//! It is the same in all motions: 0.5 % of a turn by 180 degrees are 16 mrad, which a bias, almost
+//! It is the same in all motions: 0.5 % of 180 degrees are 16 mrad, which a bias, almost
 //! constant, can only spread over the whole walk. Errors are in sigmas of
 //! [`gyro_scale_sigma`](crate::config::InertialConfig). In the normal equations they are a border
 //! of three columns beside those of states and calibrations. An IMU that takes over from another

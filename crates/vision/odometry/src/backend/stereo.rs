@@ -61,12 +61,12 @@ impl StereoGeometry {
     /// the point in the frame of the right eye: `rotation x + origin rho`. Errors of the lens are
     /// not in it, see [`Self::decenter`] and [`Self::compensate_lens_error`].
     pub(crate) fn right_from_left(&self) -> (Matrix3<f64>, Vector3<f64>) {
-        let turn = so3::exp(self.error.fixed_rows::<3>(0).into_owned());
-        let turn = turn.to_rotation_matrix().into_inner();
+        let error = so3::exp(self.error.fixed_rows::<3>(0).into_owned());
+        let error = error.to_rotation_matrix().into_inner();
         let (rotation, translation) = &self.nominal;
         (
-            turn * rotation,
-            turn * translation * self.error[BASELINE].exp(),
+            error * rotation,
+            error * translation * self.error[BASELINE].exp(),
         )
     }
 
@@ -419,8 +419,8 @@ mod tests {
         for (x, y) in [(0.4, 0.3), (-0.7, 0.2), (0.5, -0.5)] {
             let point = Vector3::new(x, y, 1.0);
             let decentered = geometry.decenter(point);
-            let turned = so3::exp(Vector3::new(0.0, 2e-3, 0.0)) * point;
-            assert!((decentered.y - turned.y / turned.z).abs() < 4e-6);
+            let rotated = so3::exp(Vector3::new(0.0, 2e-3, 0.0)) * point;
+            assert!((decentered.y - rotated.y / rotated.z).abs() < 4e-6);
             assert_eq!(decentered.xz(), point.xz());
         }
         // Its effect is bounded at a right angle.

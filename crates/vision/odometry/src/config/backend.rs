@@ -110,7 +110,7 @@ config! {
         /// and below 1. With 0 three right eyes that are rotated by the same angle are taken for
         /// unlikely.
         pub correlation: f64 = 0.5,
-        /// Additional rotation sigma where the calibration states its covariance, rad: eyes turn
+        /// Additional rotation sigma where the calibration states its covariance, rad: eyes rotate
         /// as they warm up.
         pub stated_rotation_floor_rad: f64 = 2e-4,
         /// The same for the baseline, and the sigma of focal length and principal point there.

@@ -7,9 +7,8 @@
 //! poses.
 
 use cad_transforms::so3;
-use nalgebra::{Matrix3, Matrix6, Vector3, Vector6};
+use nalgebra::{Matrix3, Vector3, Vector6};
 
-use super::Odometry;
 use crate::backend::extrinsics;
 use crate::backend::observation::{CameraPose, transfer};
 use crate::backend::state::ROTATION;
@@ -32,7 +31,10 @@ type Pair = (Vector3<f64>, Vector3<f64>);
 
 /// Camera that was moved since the previous frame, if any, and the rotation from predicted to
 /// measured bearings in its axes. The pose of the newest frame is known.
-fn find(config: &CameraShiftConfig, window: &Window) -> Option<(CameraShift, Vector3<f64>)> {
+pub(super) fn find(
+    config: &CameraShiftConfig,
+    window: &Window,
+) -> Option<(CameraShift, Vector3<f64>)> {
     let frame = window.newest();
     let mut pairs: Vec<Vec<Pair>> = vec![Vec::new(); window.cameras.len()];
     for landmark in window.landmarks.values() {
@@ -81,30 +83,14 @@ fn find(config: &CameraShiftConfig, window: &Window) -> Option<(CameraShift, Vec
     })
 }
 
-impl Odometry {
-    /// Follows a camera that was moved since the previous frame. Returns whether one was; then the
-    /// newest pose has to be estimated again, without its observations.
-    pub(super) fn follow_camera_shift(&mut self, window: &mut Window) -> bool {
-        let config = &self.config.estimator.camera_shift;
-        let Some((shift, rotation)) = find(config, window) else {
-            return false;
-        };
-        let mut covariance = Matrix6::zeros();
-        let sigma = config.sigma_ratio * shift.rotation_rad;
-        (covariance.fixed_view_mut::<3, 3>(ROTATION, ROTATION)).fill_diagonal(sigma * sigma);
-        self.add_unmodeled(&window.newest().state, covariance);
-        let inflation = self.config.backend.covariance.sigma_inflation;
-        let variance = (shift.rotation_rad / inflation).powi(2);
-        rotate_camera(window, shift.camera, &rotation, variance);
-        (self.keyframe_covariance).add_rotation_variance(shift.camera, variance);
-        self.camera_shifts.push(shift);
-        true
-    }
-}
-
 /// Rotates a camera of the window by a rotation of its bearings with this variance, rad², by the
 /// sigmas of the solver, and removes its observations and the landmarks that it hosts.
-fn rotate_camera(window: &mut Window, camera: usize, rotation: &Vector3<f64>, variance: f64) {
+pub(super) fn rotate_camera(
+    window: &mut Window,
+    camera: usize,
+    rotation: &Vector3<f64>,
+    variance: f64,
+) {
     window.landmarks.retain(|_, landmark| {
         let is_host = landmark.observations[0].1.camera == camera;
         landmark.observations.retain(|(_, o)| o.camera != camera);

@@ -1,12 +1,14 @@
-//! Outlier rejection: IMU preintegration that most observations contradict, and observations that
-//! contradict the rest.
+//! Outlier rejection: IMU preintegration that most observations contradict, a camera that was
+//! moved, and observations that contradict the rest.
 
 use std::collections::BTreeSet;
 
-use super::Odometry;
+use nalgebra::Matrix6;
+
+use super::{Odometry, camera_shift};
 use crate::backend::newest_pose::{NewestInformation, refine_newest};
 use crate::backend::solver::for_each_residual;
-use crate::backend::state::State;
+use crate::backend::state::{ROTATION, State};
 use crate::backend::window::{Frame, Landmark, MotionFactor, Window};
 use crate::config::EstimatorConfig;
 use crate::inertial::propagation::constant_velocity;
@@ -51,6 +53,25 @@ impl Odometry {
         }
         window.frames[last] = preintegrated;
         information
+    }
+
+    /// Follows a camera that was moved since the previous frame. Returns whether one was; then the
+    /// newest pose has to be estimated again, without its observations.
+    pub(super) fn follow_camera_shift(&mut self, window: &mut Window) -> bool {
+        let config = &self.config.estimator.camera_shift;
+        let Some((shift, rotation)) = camera_shift::find(config, window) else {
+            return false;
+        };
+        let mut covariance = Matrix6::zeros();
+        let sigma = config.sigma_ratio * shift.rotation_rad;
+        (covariance.fixed_view_mut::<3, 3>(ROTATION, ROTATION)).fill_diagonal(sigma * sigma);
+        self.add_unmodeled(&window.newest().state, covariance);
+        let inflation = self.config.backend.covariance.sigma_inflation;
+        let variance = (shift.rotation_rad / inflation).powi(2);
+        camera_shift::rotate_camera(window, shift.camera, &rotation, variance);
+        (self.keyframe_covariance).add_rotation_variance(shift.camera, variance);
+        self.camera_shifts.push(shift);
+        true
     }
 
     /// Rejects outliers of the newest frame and their tracks. Returns the number of inliers.

@@ -258,7 +258,8 @@ pub(super) struct Ended {
     pub(super) is_converged: bool,
 }
 
-/// Optimizes all states, landmarks, calibrations and scale errors of the gyroscope in at most `max_iterations` iterations.
+/// Optimizes all states, landmarks, calibrations and scale errors of the gyroscope in at most
+/// `max_iterations` iterations.
 pub(super) fn optimize(
     config: &MappingConfig,
     window: &mut Window,

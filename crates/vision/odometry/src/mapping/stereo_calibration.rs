@@ -93,10 +93,10 @@ impl RefinedStereo {
     ) -> (CameraModel, RigidTransform) {
         let [x, y, z, baseline, focal, principal_point, _] = self.error;
         let longer = right_from_left.translation_m().map(|m| m * baseline.exp());
-        let turn = RigidTransform::from_rotation_vector([x, y, z], [0.0; 3]);
+        let rotation = RigidTransform::from_rotation_vector([x, y, z], [0.0; 3]);
         let stretched = RigidTransform::from_wxyz(right_from_left.rotation_wxyz(), longer);
-        let corrected = turn
-            .and_then(|turn| Ok(turn * stretched?))
+        let corrected = rotation
+            .and_then(|rotation| Ok(rotation * stretched?))
             .unwrap_or(*right_from_left);
         let lens = CameraModel {
             fx: right.fx * focal.exp(),

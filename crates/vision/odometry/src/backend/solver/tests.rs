@@ -407,7 +407,7 @@ fn add_gyroscope(window: &mut Window, scale: &Vector3<f64>) {
 
 #[test]
 fn gyroscope_scale_is_estimated_and_remains_after_marginalization() {
-    // The window turns about y, so that only this error is determined.
+    // The window rotates about y, so that only this error is determined.
     let scale = Vector3::new(0.0, 2.0, 0.0);
     let mut whole = window(12, 0.0);
     add_gyroscope(&mut whole, &scale);
