@@ -26,7 +26,7 @@ use serde_json::{Map, Value, json};
 
 mod bands;
 mod changes;
-mod charts;
+pub(crate) mod charts;
 pub(crate) mod coverage;
 mod driving;
 mod fit_sigma_model;

@@ -6,8 +6,8 @@ use serde_json::{Map, Value};
 
 use super::peers::MODES;
 
-const WIDTH: u32 = 760;
-const HEIGHT: u32 = 420;
+pub(crate) const WIDTH: u32 = 760;
+pub(crate) const HEIGHT: u32 = 420;
 
 /// Names and texts of all charts that there are results for.
 ///
@@ -38,7 +38,7 @@ pub(super) fn draw(report: &Map<String, Value>) -> Result<Vec<(String, String)>>
     Ok(files)
 }
 
-fn stamp(stamp: &Value) -> String {
+pub(crate) fn stamp(stamp: &Value) -> String {
     let field = |key: &str| stamp[key].as_str().unwrap_or("?").to_owned();
     format!("{} {}", field("commit"), field("date"))
 }
@@ -48,7 +48,7 @@ fn number(of: &Value, key: &str) -> f64 {
 }
 
 /// Errors over time, and over density.
-fn race(found: &Value, what: &str) -> Result<Vec<(String, Chart)>> {
+pub(crate) fn race(found: &Value, what: &str) -> Result<Vec<(String, Chart)>> {
     let points = found["points"].as_array().context("no points")?;
     let of = |kind: &str| {
         let own = points.iter().filter(|p| p["kind"] == kind);

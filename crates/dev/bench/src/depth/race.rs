@@ -40,7 +40,7 @@ struct Point {
 type Own = (f64, Scores, Vec<(f32, bool)>);
 
 /// All of them.
-pub(super) struct Race {
+pub(crate) struct Race {
     points: Vec<Point>,
     opencv: String,
     frames: usize,
@@ -83,7 +83,7 @@ impl Race {
     ///
     /// # Errors
     /// Python fails.
-    pub(super) fn run(
+    pub(crate) fn run(
         peers: &mut Peers,
         configs: &[SgbmConfig],
         frames: &[&Frame],
@@ -185,7 +185,7 @@ impl Race {
     }
 
     /// Progress line.
-    pub(super) fn print(&self, part: &str) {
+    pub(crate) fn print(&self, part: &str) {
         println!("{part}: {} frames", self.frames);
         let unbeaten = self.unbeaten();
         for point in &self.points {
@@ -215,7 +215,7 @@ impl Race {
     }
 
     /// All points and what follows from them.
-    pub(super) fn json(&self) -> Value {
+    pub(crate) fn json(&self) -> Value {
         let usual = |p: &&Point| p.kind == "HH" && p.name == SgbmConfig::usual("HH", 5).name();
         let hh_ms = self.theirs().find(usual).map(|p| p.ms);
         let points = self.points.iter().map(|point| {

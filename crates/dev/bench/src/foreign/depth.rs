@@ -4,7 +4,6 @@ use std::fs;
 
 use anyhow::{Context, Result, ensure};
 use cad_transforms::RigidTransform;
-use depth::evaluate::Scores;
 use depth::{Band, Config, Geometry, Matcher, Preset};
 use harness::sequences::OwnedFrameSet;
 use serde_json::{Value, json};
@@ -12,79 +11,40 @@ use serde_json::{Value, json};
 use super::Walk;
 use crate::depth::coverage::Coverage;
 use crate::depth::frames::Frame;
-use crate::depth::peers::{MODES, Peers, SgbmConfig};
-use crate::meter::{median, timed};
+use crate::depth::peers::{Peers, SgbmConfig};
+use crate::depth::race::Race;
 
 /// Number of disparities: the nearest surfaces are 0.5 m away.
 const RANGE: usize = 64;
 /// Times that each pair is matched for its time.
 const RUNS: usize = 3;
-const THREADS: usize = 2;
 /// Disparity by which a nearer surface hides a farther one, px.
 const HIDING_PX: f32 = 1.0;
 
-/// One row for each preset and each mode of OpenCV's SGBM.
-pub(super) fn rows(walk: &Walk) -> Result<Value> {
+/// Our settings and OpenCV's in one run, and coverage of the sigmas of each preset.
+pub(super) fn results(walk: &Walk) -> Result<Value> {
     let frames = frames(walk)?;
-    let mut rows = Vec::new();
-    for preset in Preset::ALL {
-        rows.push(ours(preset, &frames)?);
-    }
-    let mut peers = Peers::start()?;
-    for mode in MODES {
-        let config = SgbmConfig::usual(mode, 5);
-        let (mut scores, mut ms) = (Scores::default(), Vec::new());
-        for frame in &frames {
-            peers.show(frame)?;
-            let configs = std::slice::from_ref(&config);
-            let (_, maps) = peers.run(frame, configs, THREADS, true)?;
-            scores.add(&Scores::of(&maps[0], frame.truth())?);
-            for _ in 0..RUNS {
-                ms.extend(peers.run(frame, configs, THREADS, false)?.0);
-            }
-        }
-        rows.push(json!({
-            "matcher": format!("OpenCV {}: {}", peers.version, config.name()),
-            "scores": scores_of(&scores),
-            "ms": median(ms),
-        }));
-    }
-    Ok(json!({ "pairs": frames.len(), "rows": rows }))
+    let all: Vec<&Frame> = frames.iter().collect();
+    let race = Race::run(&mut Peers::start()?, &SgbmConfig::few(), &all, RUNS)?;
+    race.print("foreign renderer");
+    let coverage = Preset::ALL.map(|preset| coverage(preset, &frames));
+    let coverage = coverage.into_iter().collect::<Result<Vec<Value>>>()?;
+    Ok(json!({ "race": race.json(), "coverage": coverage }))
 }
 
-fn scores_of(scores: &Scores) -> Value {
-    json!({
-        "pixels": scores.pixels,
-        "density": scores.density(),
-        "bad_1": scores.bad_ratio(1),
-        "bad_2": scores.bad_ratio(2),
-        "mean_error_px": scores.mean_error_px(),
-    })
-}
-
-/// A preset on all frames, with the ratio of errors within two stated sigmas in each quarter of the
-/// sigmas, the smallest first.
-fn ours(preset: Preset, frames: &[Frame]) -> Result<Value> {
-    let (mut scores, mut ms) = (Scores::default(), Vec::new());
+/// Ratio of errors within two stated sigmas on all frames, in each quarter of the sigmas, the
+/// smallest first.
+fn coverage(preset: Preset, frames: &[Frame]) -> Result<Value> {
     let mut coverage = Coverage::default();
     for frame in frames {
         let [left, right] = frame.images();
         let band = Band::full(0, frame.range, frame.height)?;
         let mut matcher = Matcher::new(Config::preset(preset), frame.width, frame.height)?;
-        let map = matcher.run(&left, &right, &band)?;
-        scores.add(&Scores::of(map, frame.truth())?);
-        coverage.add(map, frame);
-        for _ in 0..RUNS {
-            let (result, took) = timed(|| matcher.run(&left, &right, &band).map(drop));
-            result?;
-            ms.push(1e3 * took.wall_s);
-        }
+        coverage.add(matcher.run(&left, &right, &band)?, frame);
     }
     let shares = coverage.shares();
     Ok(json!({
         "matcher": preset.name(),
-        "scores": scores_of(&scores),
-        "ms": median(ms),
         "within_two_sigmas": shares.all,
         "within_by_quarter": shares.quarters,
         "median_sigma_px": shares.median_sigma,
