@@ -67,8 +67,18 @@ pub(crate) fn run(args: &[String]) -> Result<()> {
     results.stamp = crate::stamp::stamp("odometry", args)?;
     for part in &options.parts {
         match part.as_str() {
-            "kitti" => results.kitti = real::kitti()?.or(results.kitti),
-            "euroc" => results.euroc = real::euroc()?.or(results.euroc),
+            "kitti" => {
+                if let Some(found) = real::kitti()? {
+                    results.kitti = Some(found);
+                    results.sources.insert(part.clone(), results.source());
+                }
+            }
+            "euroc" => {
+                if let Some(found) = real::euroc()? {
+                    results.euroc = Some(found);
+                    results.sources.insert(part.clone(), results.source());
+                }
+            }
             "walks" => test_walks::walks(&options, &["balanced"], &mut results)?,
             "presets" => test_walks::walks(&options, &["fast", "accurate"], &mut results)?,
             "settings" => sweeps::settings(&options, &mut results)?,

@@ -1,6 +1,6 @@
 //! Results so far: a file that parts of the benchmark add to.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::path::Path;
 
@@ -23,6 +23,9 @@ pub(crate) struct Results {
     pub(crate) kitti: Option<Drive>,
     /// EuRoC.
     pub(crate) euroc: Option<StandStill>,
+    /// Source and day of these two parts.
+    #[serde(default)]
+    pub(crate) sources: BTreeMap<String, String>,
     /// Walks.
     pub(crate) rows: Vec<Row>,
 }
@@ -61,6 +64,12 @@ impl Results {
                 )
             }),
         }
+    }
+
+    /// Source and day of the run.
+    pub(crate) fn source(&self) -> String {
+        let field = |key: &str| self.stamp[key].as_str().unwrap_or_default().to_owned();
+        format!("{}, {}", field("commit"), field("date"))
     }
 
     /// Replaces an earlier row of the same job.

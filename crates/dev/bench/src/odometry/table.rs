@@ -1,5 +1,6 @@
 //! Results as Markdown tables: causal and refined poses separately.
 
+use std::collections::BTreeSet;
 use std::fmt::Write as _;
 
 use harness::sequences::named::ODOMETRY_EXAM;
@@ -8,7 +9,7 @@ use super::figures::Figures;
 use super::real::{Drive, INTERPOLATED, StandStill};
 use super::results::{Results, Row};
 use super::run::Job;
-use super::sweeps::PRESETS;
+use super::sweeps::{CAMERAS, CAMERAS_SETS, PRESETS};
 
 /// Requirements: causal and refined ATE, percent of path length, and time of a stereo pair, ms.
 pub(crate) const MAX_CAUSAL_ATE_PERCENT: f64 = 0.3;
@@ -19,14 +20,15 @@ pub(crate) const MAX_PAIR_MS: f64 = 20.0;
 pub(crate) fn text(results: &Results) -> String {
     let mut text = format!(
         "# Odometry, measured\n\nWritten by `cargo xtask bench odometry`; the method is described in [decisions/0010](../decisions/0010-odometry.md). \
-         Rows: {}.\n",
+         Rows: {}. *Errors in sigmas* is their root mean square, *sharpness* the median stated sigma over the root mean square of errors, of position / rotation; 1 is right.\n",
         results.foot()
     );
+    let source = |part: &str| results.sources.get(part).map_or("?", String::as_str);
     if let Some(drive) = &results.kitti {
-        kitti(&mut text, drive);
+        kitti(&mut text, drive, source("kitti"));
     }
     if let Some(stand) = &results.euroc {
-        euroc(&mut text, stand);
+        euroc(&mut text, stand, source("euroc"));
     }
     for preset in PRESETS {
         let rows = rows_of_test_walks(results, preset);
@@ -56,7 +58,74 @@ pub(crate) fn text(results: &Results) -> String {
             })
         });
     }
+    cameras(&mut text, results);
     text
+}
+
+/// Rows of the walks with one, two and three cameras: of each set of cameras the extremes.
+fn cameras(text: &mut String, results: &Results) {
+    let of_cameras = |r: &&Row| r.job.sets == Some(CAMERAS_SETS) && r.job.settings == "balanced";
+    let rows: Vec<&Row> = results.rows.iter().filter(of_cameras).collect();
+    if rows.is_empty() {
+        return;
+    }
+    text.push_str(
+        "\n## One, two and three cameras, first 60 s of six walks\n\nOf the walks in which at most 1 % of the poses are lost: the largest error, the range of errors in sigmas and of sharpness (position; rotation), the smallest ratio of tracked poses. Silently wrong are poses of all walks.\n\n\
+         | cameras | IMU | poses | walks | ATE, % of path length | errors in sigmas | sharpness | tracked, % | silently wrong | commits |\n|---|---|---|---|---|---|---|---|---|---|\n",
+    );
+    for (name, cameras) in CAMERAS {
+        for with_imu in [true, false] {
+            let own: Vec<&&Row> = (rows.iter())
+                .filter(|r| r.job.with_imu == with_imu && r.job.cameras == cameras)
+                .collect();
+            let causal = own.iter().map(|r| &r.ran.figures).collect::<Vec<_>>();
+            let refined = own
+                .iter()
+                .filter_map(|r| Some(&r.adjusted.as_ref()?.figures));
+            let commits: BTreeSet<&str> = own.iter().map(|r| r.commit.as_str()).collect();
+            let commits = commits.into_iter().collect::<Vec<_>>().join(", ");
+            for (poses, figures) in [("causal", causal), ("refined", refined.collect())] {
+                let _ = writeln!(
+                    text,
+                    "| {name} | {} | {poses} | {} | {commits} |",
+                    if with_imu { "with" } else { "without" },
+                    extremes(&figures)
+                );
+            }
+        }
+    }
+}
+
+/// Columns of several runs.
+fn extremes(figures: &[&Figures]) -> String {
+    let kept: Vec<&&Figures> = figures.iter().filter(|f| !f.is_lost()).collect();
+    let worst = kept.iter().filter_map(|f| f.ate_percent);
+    let range = |of: &dyn Fn(&Figures) -> Option<[f64; 2]>| {
+        let pairs: Vec<[f64; 2]> = kept.iter().filter_map(|f| of(f)).collect();
+        let each = [0, 1].map(|k| {
+            let values = || pairs.iter().map(|pair| pair[k]);
+            let least = values().reduce(f64::min)?;
+            Some(format!("{least:.1}–{:.1}", values().reduce(f64::max)?))
+        });
+        each.map(Option::unwrap_or_default).join("; ")
+    };
+    let tracked = kept.iter().map(|f| {
+        let all: usize = f.poses.iter().sum();
+        100.0 * f.poses[0] as f64 / all.max(1) as f64
+    });
+    let number = |value: Option<f64>, digits: usize| {
+        value.map_or(String::new(), |v| format!("{v:.digits$}"))
+    };
+    let wrong: usize = figures.iter().map(|f| f.silently_wrong).sum();
+    [
+        format!("{} of {}", kept.len(), figures.len()),
+        number(worst.reduce(f64::max), 3),
+        range(&|f| f.sigmas),
+        range(&|f| f.sharpness),
+        number(tracked.reduce(f64::min), 1),
+        wrong.to_string(),
+    ]
+    .join(" | ")
 }
 
 /// Rows of whole walks with a preset, in the order of the test walks.
@@ -87,7 +156,7 @@ fn walks<'a>(
 ) {
     text.push_str(title);
     text.push_str(
-        "\n| walk | path length, m | ATE, m | % of path length | rotation, ° | drift over 10 m, % | largest error | ms per pair | CPU ms | longest set, or adjustment | peak MB | completion | tracked / dead reckoned / lost | errors in sigmas, position / rotation | silently wrong | load | commit |\n|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|\n",
+        "\n| walk | path length, m | ATE, m | % of path length | rotation, ° | drift over 10 m, % | largest error | ms per pair | CPU ms | longest set, or adjustment | peak MB | completion | tracked / dead reckoned / lost | errors in sigmas, position / rotation | sharpness | silently wrong | load | commit |\n|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|\n",
     );
     let entries: Vec<_> = rows.iter().filter_map(|r| Some((*r, of(r)?))).collect();
     for (row, entry) in &entries {
@@ -109,7 +178,7 @@ fn walks<'a>(
         let [tracked, carried, lost] = f.poses;
         let _ = writeln!(
             text,
-            "| {} | {:.0} | {} | {}{mark} | {} | {} | {worst} | {:.1} | {:.1} | {} | {:.0} | {:.2} % | {tracked} / {carried} / {lost} | {} | {} | {:.1} | {} |",
+            "| {} | {:.0} | {} | {}{mark} | {} | {} | {worst} | {:.1} | {:.1} | {} | {:.0} | {:.2} % | {tracked} / {carried} / {lost} | {} | {} | {} | {:.1} | {} |",
             row.job.walk,
             row.ran.path_m,
             number(f.ate_m, 3),
@@ -122,6 +191,7 @@ fn walks<'a>(
             entry.bytes as f64 * 1e-6,
             100.0 * f.completion,
             pair(f.sigmas),
+            pair(f.sharpness),
             f.silently_wrong,
             row.load,
             row.commit,
@@ -167,10 +237,10 @@ fn summary(text: &mut String, entries: &[(&Row, Entry<'_>)], target: f64) {
     text.push_str(".\n");
 }
 
-fn kitti(text: &mut String, drive: &Drive) {
+fn kitti(text: &mut String, drive: &Drive, source: &str) {
     let _ = write!(
         text,
-        "\n## KITTI, {} stereo pairs, no IMU: drift at the end\n\nAligned by the first pose / the best fit / pose {INTERPOLATED}. The rotations between the first {INTERPOLATED} true \
+        "\n## KITTI, {} stereo pairs, no IMU: drift at the end\n\n{source}. Aligned by the first pose / the best fit / pose {INTERPOLATED}. The rotations between the first {INTERPOLATED} true \
          poses differ by {:.1e} rad from their mean, those of the next {INTERPOLATED} by {:.1e}: the first were not measured but interpolated. A best fit to a nearly straight path does not determine the rotation about it, so none is given.\n\n\
          | preset | poses | from the first, % | best fit, % | from pose {INTERPOLATED}, % | rotation from the first / pose {INTERPOLATED}, ° | ms per pair | CPU ms |\n|---|---|---|---|---|---|---|---|\n",
         drive.pairs, drive.first_turns_differ_rad, drive.later_turns_differ_rad
@@ -208,10 +278,10 @@ fn kitti(text: &mut String, drive: &Drive) {
     }
 }
 
-fn euroc(text: &mut String, stand: &StandStill) {
+fn euroc(text: &mut String, stand: &StandStill, source: &str) {
     let _ = write!(
         text,
-        "\n## EuRoC V1_01: {:.2} s of standing still, {} stereo pairs\n\nGravity direction against the true orientation / against the specific force minus the true bias; these two differ by {:.2}° \
+        "\n## EuRoC V1_01: {:.2} s of standing still, {} stereo pairs\n\n{source}. Gravity direction against the true orientation / against the specific force minus the true bias; these two differ by {:.2}° \
          themselves. The true poses move by {:.2} mm.\n\n\
          | preset | gyroscope bias error, rad/s | accelerometer bias error, m/s² | gravity direction error, ° | moved, mm |\n|---|---|---|---|---|\n",
         stand.seconds, stand.pairs, stand.truth_off_itself_deg, stand.truth_moved_mm
