@@ -8,7 +8,9 @@
 //! the adjustment does not converge, which is reported too, all poses keep their causal covariance
 //! and cameras their nominal extrinsics. Images are not read again.
 
-use ::odometry::mapping::{Connectivity, OdomPose, Progress, RefinedStereo, interpolate_poses};
+use ::odometry::mapping::{
+    Connectivity, OdomPose, Progress, RefinedExtrinsics, RefinedStereo, interpolate_poses,
+};
 use ::odometry::{ImuSample, Mapping, Refined};
 use cad_transforms::{Covariance, RigidTransform};
 use nalgebra::SMatrix;
@@ -86,7 +88,14 @@ impl Stage<Input> for BundleAdjustmentStage {
             adjusted.loop_closures.len()
         ));
         let rig = if adjusted.is_converged {
-            refined_rig(model, &adjusted, work)
+            let (rig, findings) = refined_rig(model, &adjusted.extrinsics, &adjusted.stereo);
+            for finding in findings {
+                match finding {
+                    Finding::Loss(text) => work.record_loss(text),
+                    Finding::Note(text) => work.note(text),
+                }
+            }
+            rig
         } else {
             work.record_loss(format!(
                 "after {} iterations poses still changed: they keep the covariance of causal ones, and cameras keep their calibrated extrinsics",
@@ -104,44 +113,56 @@ impl Stage<Input> for BundleAdjustmentStage {
     }
 }
 
+/// What the estimate of a camera means.
+#[derive(Debug, PartialEq)]
+enum Finding {
+    /// Its calibration is wrong.
+    Loss(String),
+    /// It agrees with its calibration.
+    Note(String),
+}
+
 /// The rig with refined camera extrinsics, and where they are significant with refined right lenses
-/// and extrinsics of right eyes.
-fn refined_rig(mut rig: RigModel, adjusted: &Refined, work: &Work<'_, Input>) -> RigModel {
-    for (camera, extrinsics) in rig.cameras.iter_mut().zip(&adjusted.extrinsics) {
+/// and extrinsics of right eyes. A right eye that agrees with its calibration keeps it.
+fn refined_rig(
+    mut rig: RigModel,
+    extrinsics: &[RefinedExtrinsics],
+    stereo: &[RefinedStereo],
+) -> (RigModel, Vec<Finding>) {
+    let mut findings = Vec::new();
+    for (camera, extrinsics) in rig.cameras.iter_mut().zip(extrinsics) {
+        let name = &camera.name;
         let deviation = format!(
             "{:.1} mm and {:.2} degrees from its calibrated pose",
             1e3 * extrinsics.initial_error[0],
             extrinsics.initial_error[1].to_degrees()
         );
-        if extrinsics.is_moved {
-            work.record_loss(format!(
-                "camera {} is {deviation}: it was moved since, or the calibration is another rig's; poses and depth use the refined extrinsics",
-                camera.name
-            ));
+        findings.push(if extrinsics.is_moved {
+            Finding::Loss(format!(
+                "camera {name} is {deviation}: it was moved since, or the calibration is another rig's; poses and depth use the refined extrinsics"
+            ))
         } else {
-            work.note(format!("camera {} is estimated {deviation}", camera.name));
-        }
+            Finding::Note(format!("camera {name} is estimated {deviation}"))
+        });
         camera.rig_from_left = extrinsics.rig_from_left;
         camera.rig_from_left_covariance = before::covariance(&extrinsics.covariance);
     }
-    for (camera, stereo) in rig.cameras.iter_mut().zip(&adjusted.stereo) {
-        let error = stereo_error(camera, stereo);
+    for (camera, stereo) in rig.cameras.iter_mut().zip(stereo) {
+        let (name, error) = (&camera.name, stereo_error(camera, stereo));
         if !stereo.is_significant {
-            work.note(format!(
-                "camera {}: the right eye agrees with its calibration: {error}",
-                camera.name
-            ));
+            findings.push(Finding::Note(format!(
+                "camera {name}: the right eye agrees with its calibration: {error}"
+            )));
             continue;
         }
-        work.record_loss(format!(
-            "camera {}: the calibration of the right eye is wrong: {error}; poses and depth use the estimate, a new calibration mends it",
-            camera.name
-        ));
+        findings.push(Finding::Loss(format!(
+            "camera {name}: the calibration of the right eye is wrong: {error}; poses and depth use the estimate, a new calibration mends it"
+        )));
         (camera.right, camera.right_from_left) =
             stereo.corrected(&camera.right, &camera.right_from_left);
         camera.right_from_left_covariance = stereo_covariance(stereo, &camera.right_from_left);
     }
-    rig
+    (rig, findings)
 }
 
 /// Covariance of estimated extrinsics between the eyes, of a small motion of the left optical frame
@@ -256,7 +277,7 @@ fn imu_samples(
 #[cfg(test)]
 mod tests {
     use camera_models::{CameraModel, Distortion};
-    use nalgebra::{SVector, Vector3};
+    use nalgebra::{Matrix6, SVector, Vector3};
 
     use super::*;
 
@@ -266,6 +287,79 @@ mod tests {
             covariance,
             is_significant: true,
         }
+    }
+
+    /// A camera that was moved by 2 degrees, with a right eye rotated by 0.2 degrees.
+    #[test]
+    fn wrong_calibrations_are_losses_and_are_replaced() {
+        let lens = CameraModel::new((672, 376), [350.0, 350.0, 335.5, 187.5], Distortion::None);
+        let camera = RigCamera {
+            name: "feet".to_owned(),
+            left: lens,
+            right: lens,
+            rig_from_left: RigidTransform::identity(),
+            rig_from_left_covariance: None,
+            right_from_left: RigidTransform::from_translation_m([-0.06, 0.0, 0.0]).unwrap(),
+            right_from_left_covariance: None,
+            line_s: 0.0,
+        };
+        let rig = RigModel {
+            name: "chest".to_owned(),
+            revision: "1".to_owned(),
+            cameras: vec![camera],
+            imus: Vec::new(),
+        };
+        let rotation = |angle_deg: f64| {
+            RigidTransform::from_rotation_vector([0.0, angle_deg.to_radians(), 0.0], [0.0; 3])
+        };
+        let found = |is_wrong: bool| {
+            let extrinsics = RefinedExtrinsics {
+                rig_from_left: rotation(2.0).unwrap(),
+                covariance: Matrix6::identity() * 1e-8,
+                initial_error: [0.0, 2.0_f64.to_radians()],
+                is_moved: is_wrong,
+            };
+            let mut error = [0.0; 7];
+            error[1] = 0.2_f64.to_radians();
+            let stereo = RefinedStereo {
+                is_significant: is_wrong,
+                ..estimate(error, SMatrix::identity() * 1e-8)
+            };
+            refined_rig(rig.clone(), &[extrinsics], &[stereo])
+        };
+        let (refined, findings) = found(true);
+        let [Finding::Loss(moved), Finding::Loss(eye)] = &findings[..] else {
+            panic!("{findings:?}");
+        };
+        assert!(
+            moved.contains("2.00 degrees from its calibrated pose"),
+            "{moved}"
+        );
+        assert!(
+            eye.contains("right eye is wrong: rotation 0.00 ± 0.01, 0.20 ± 0.01"),
+            "{eye}"
+        );
+        let camera = &refined.cameras[0];
+        assert_eq!(camera.rig_from_left, rotation(2.0).unwrap());
+        let right = rotation(0.2).unwrap() * rig.cameras[0].right_from_left;
+        let rest = camera.right_from_left.inverse() * right;
+        assert!(
+            rest.rotation_vector()
+                .iter()
+                .chain(&rest.translation_m())
+                .all(|v| v.abs() < 1e-12)
+        );
+        assert!(camera.right_from_left_covariance.is_some());
+        let (refined, findings) = found(false);
+        assert!(
+            findings
+                .iter()
+                .all(|finding| matches!(finding, Finding::Note(_)))
+        );
+        assert_eq!(
+            refined.cameras[0].right_from_left,
+            rig.cameras[0].right_from_left
+        );
     }
 
     /// The covariance of one direction of the error is that of the motion that it causes.
