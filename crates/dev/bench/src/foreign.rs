@@ -85,7 +85,7 @@ pub(crate) fn run(args: &[String]) -> Result<()> {
         ("foreign.json".to_owned(), format!("{report:#}\n")),
         ("foreign.md".to_owned(), table),
     ];
-    let foot = charts::stamp(&report["stamp"]);
+    let foot = stamp::source(&report["stamp"]);
     for (name, chart) in charts::race(&report["depth"]["race"], "a foreign renderer (Mitsuba)")? {
         let svg = chart.footnote(&foot).to_svg(charts::WIDTH, charts::HEIGHT);
         files.push((format!("foreign-depth-{name}.svg"), svg));

@@ -45,6 +45,7 @@ mod sweeps;
 mod table;
 mod test_walks;
 
+use crate::stamp;
 use options::Options;
 use results::Results;
 
@@ -64,19 +65,19 @@ pub(crate) fn run(args: &[String]) -> Result<()> {
     }
     let options = Options::parse(args, &PARTS)?;
     let mut results = Results::read(&options.out)?;
-    results.stamp = crate::stamp::stamp("odometry", args)?;
+    results.stamp = stamp::stamp("odometry", args)?;
     for part in &options.parts {
         match part.as_str() {
             "kitti" => {
                 if let Some(found) = real::kitti()? {
                     results.kitti = Some(found);
-                    results.sources.insert(part.clone(), results.source());
+                    (results.sources).insert(part.clone(), stamp::source(&results.stamp));
                 }
             }
             "euroc" => {
                 if let Some(found) = real::euroc()? {
                     results.euroc = Some(found);
-                    results.sources.insert(part.clone(), results.source());
+                    (results.sources).insert(part.clone(), stamp::source(&results.stamp));
                 }
             }
             "walks" => test_walks::walks(&options, &["balanced"], &mut results)?,

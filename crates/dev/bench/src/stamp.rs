@@ -40,6 +40,13 @@ pub(crate) fn line(stamp: &Value) -> String {
     parts.join("; ")
 }
 
+/// Commit and date of a stamp.
+pub(crate) fn source(stamp: &Value) -> String {
+    ["commit", "date"]
+        .map(|key| stamp[key].as_str().unwrap_or("?"))
+        .join(" ")
+}
+
 /// The processor's name, as reported by the kernel.
 fn processor() -> String {
     let text = fs::read_to_string("/proc/cpuinfo").unwrap_or_default();

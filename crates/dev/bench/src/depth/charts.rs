@@ -5,6 +5,7 @@ use charts::{Axis, Chart, Series};
 use serde_json::{Map, Value};
 
 use super::peers::MODES;
+use crate::stamp;
 
 pub(crate) const WIDTH: u32 = 760;
 pub(crate) const HEIGHT: u32 = 420;
@@ -26,7 +27,7 @@ pub(super) fn draw(report: &Map<String, Value>) -> Result<Vec<(String, String)>>
             "sigma" => Ok(vec![("sigma".to_owned(), sigma(found))]),
             _ => continue,
         };
-        let foot = stamp(&entry["stamp"]);
+        let foot = stamp::source(&entry["stamp"]);
         for (name, chart) in drawn.with_context(|| format!("drawing {part}"))? {
             let name = match name.as_str() {
                 "time" | "density" => format!("depth-{part}-{name}.svg"),
@@ -36,11 +37,6 @@ pub(super) fn draw(report: &Map<String, Value>) -> Result<Vec<(String, String)>>
         }
     }
     Ok(files)
-}
-
-pub(crate) fn stamp(stamp: &Value) -> String {
-    let field = |key: &str| stamp[key].as_str().unwrap_or("?").to_owned();
-    format!("{} {}", field("commit"), field("date"))
 }
 
 fn number(of: &Value, key: &str) -> f64 {

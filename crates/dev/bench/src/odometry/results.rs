@@ -66,12 +66,6 @@ impl Results {
         }
     }
 
-    /// Source and day of the run.
-    pub(crate) fn source(&self) -> String {
-        let field = |key: &str| self.stamp[key].as_str().unwrap_or_default().to_owned();
-        format!("{}, {}", field("commit"), field("date"))
-    }
-
     /// Replaces an earlier row of the same job.
     pub(crate) fn add(&mut self, row: Row) {
         match self.rows.iter_mut().find(|r| r.job == row.job) {

@@ -69,13 +69,12 @@ impl Closure {
     /// Residual: translation and rotation error of the two poses.
     fn residual(&self, window: &Window) -> PoseVector {
         let [a, b] = self.frames.map(|f| &window.frames[f].state);
-        let translation = a.rotation.inverse() * (b.position - a.position);
-        let rotation = a.rotation.inverse() * b.rotation;
+        let now = RelativePose::between(a, b);
         let mut r = PoseVector::zeros();
         r.fixed_rows_mut::<3>(0)
-            .copy_from(&(translation - self.translation));
+            .copy_from(&(now.translation - self.translation));
         r.fixed_rows_mut::<3>(3)
-            .copy_from(&so3::log(&(self.rotation.inverse() * rotation)));
+            .copy_from(&so3::log(&(self.rotation.inverse() * now.rotation)));
         r
     }
 
@@ -270,10 +269,7 @@ fn close(
     path_length: &[f64],
 ) -> Option<Closure> {
     let [a, b] = frames.map(|f| &window.frames[f].state);
-    let expected = RelativePose {
-        rotation: a.rotation.inverse() * b.rotation,
-        translation: a.rotation.inverse() * (b.position - a.position),
-    };
+    let expected = RelativePose::between(a, b);
     let matches = matches(config, from, to, (a, b), &expected, &window.cameras);
     let all: f64 = matches.iter().map(|m| m.weight).sum();
     if all < config.min_inliers {

@@ -11,7 +11,7 @@ use nalgebra::{Matrix2, Matrix3, SMatrix, UnitQuaternion, Vector2, Vector3};
 
 use crate::backend::landmark_elimination::{PoseMatrix, PoseVector};
 use crate::backend::observation::BearingMeasurement;
-use crate::backend::state::POSE_DIM;
+use crate::backend::state::{POSE_DIM, State};
 use crate::config::LoopClosureConfig;
 
 /// A keypoint of one keyframe that the other one observes.
@@ -59,6 +59,15 @@ pub(super) struct RobustPose {
 }
 
 impl RelativePose {
+    /// Of two states.
+    pub(super) fn between(first: &State, second: &State) -> Self {
+        let back = first.rotation.inverse();
+        Self {
+            rotation: back * second.rotation,
+            translation: back * (second.position - first.position),
+        }
+    }
+
     fn residual(&self, config: &LoopClosureConfig, m: &Match) -> Option<Residual> {
         let r: Matrix3<f64> = self.rotation.to_rotation_matrix().into_inner();
         let point = m.ray + m.origin * m.rho;
@@ -131,9 +140,7 @@ impl RelativePose {
                 }
                 inlier_weight += m.weight;
                 let weight = m.weight * (1.0 - size * size).powi(2);
-                let weighted = found.by_pose.transpose() * found.information * weight;
-                information += weighted * found.by_pose;
-                gradient += weighted * found.residual;
+                found.add_to(weight, &mut information, &mut gradient);
             }
             self = self.step(&information, &gradient)?;
         }
@@ -151,9 +158,7 @@ impl RelativePose {
             let mut gradient = PoseVector::zeros();
             for m in sample {
                 let found = self.residual(config, m)?;
-                let weighted = found.by_pose.transpose() * found.information;
-                information += weighted * found.by_pose;
-                gradient += weighted * found.residual;
+                found.add_to(1.0, &mut information, &mut gradient);
             }
             self = self.step(&information, &gradient)?;
         }
@@ -230,6 +235,13 @@ fn sample<'a>(matches: &[&'a Match], number: u64) -> Option<[&'a Match; SAMPLE]>
 }
 
 impl Residual {
+    /// Adds to the normal equations of the pose.
+    fn add_to(&self, weight: f64, information: &mut PoseMatrix, gradient: &mut PoseVector) {
+        let weighted = self.by_pose.transpose() * self.information * weight;
+        *information += weighted * self.by_pose;
+        *gradient += weighted * self.residual;
+    }
+
     /// Mahalanobis distance.
     fn sigmas(&self) -> f64 {
         let squared = self.residual.dot(&(self.information * self.residual));

@@ -80,6 +80,12 @@ fn keyframe(number: u64, state: &State, cameras: &[Camera], late_s: &[f64]) -> K
     }
 }
 
+/// Loop closure of the two frames of a window.
+fn closed([from, to]: [&Keyframe; 2], window: &Window) -> Closure {
+    let config = Default::default();
+    close(&config, from, to, [0, 1], window, &[0.0, 0.0]).expect("a loop closure")
+}
+
 #[test]
 fn cameras_with_exposure_offsets_close_loops() {
     let cameras = vec![camera(-0.2, 2e-5), camera(0.3, 0.0)];
@@ -93,24 +99,13 @@ fn cameras_with_exposure_offsets_close_loops() {
     report[1].position += Vector3::new(0.1, -0.05, 0.08);
     report[1].rotation *= so3::exp(Vector3::new(0.02, -0.03, 0.01));
     let window = window_of(report, cameras);
-    let closure = close(
-        &Default::default(),
-        &from,
-        &to,
-        [0, 1],
-        &window,
-        &[0.0, 0.0],
-    )
-    .expect("a loop closure");
-    let [a, b] = truth;
-    let translation = a.rotation.inverse() * (b.position - a.position);
+    let closure = closed([&from, &to], &window);
+    let truth = RelativePose::between(&truth[0], &truth[1]);
     // The camera with an offset of 33 ms has moved by 40 mm. The direction of that motion is only
     // as accurate as the given rotation.
-    let initial_error = (closure.translation - translation).norm();
+    let initial_error = (closure.translation - truth.translation).norm();
     assert!(initial_error < 1e-3, "{initial_error}");
-    let rotation_error = closure
-        .rotation
-        .angle_to(&(a.rotation.inverse() * b.rotation));
+    let rotation_error = closure.rotation.angle_to(&truth.rotation);
     assert!(rotation_error < 3e-4, "{rotation_error}");
     // Each pair of keypoints counts once, and is observed in both directions.
     let found = matches(
@@ -118,10 +113,7 @@ fn cameras_with_exposure_offsets_close_loops() {
         &from,
         &to,
         (&report[0], &report[1]),
-        &RelativePose {
-            rotation: report[0].rotation.inverse() * report[1].rotation,
-            translation: report[0].rotation.inverse() * (report[1].position - report[0].position),
-        },
+        &RelativePose::between(&report[0], &report[1]),
         &window.cameras,
     );
     assert!(found.len() > 100 && found.len().is_multiple_of(2));
@@ -158,18 +150,9 @@ fn ranges_are_those_of_the_latest_calibration() {
         keypoint.rho = rho as f32;
     }
     let window = window_of(states, cameras);
-    let closure = close(
-        &Default::default(),
-        &from,
-        &to,
-        [0, 1],
-        &window,
-        &[0.0, 0.0],
-    )
-    .expect("a loop closure");
-    let [a, b] = states;
-    let truth = a.rotation.inverse() * (b.position - a.position);
-    let error = (closure.translation - truth).norm();
+    let closure = closed([&from, &to], &window);
+    let truth = RelativePose::between(&states[0], &states[1]);
+    let error = (closure.translation - truth.translation).norm();
     assert!(error < 1e-3, "{error}");
 }
 
