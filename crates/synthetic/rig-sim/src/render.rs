@@ -10,6 +10,7 @@
 //! OUT/rig.tum                         world_from_rig at each frame: time, position, quaternion x y z w
 //! OUT/rig.kitti.txt                   the same as rows of 3x4 matrices
 //! OUT/contacts.csv                    times and poses of foot contacts with the ground
+//! OUT/feet.csv                        poses of both soles at 200 Hz, and what bears on the ground
 //! OUT/CAMERA/mav0/cam0, cam1          left and right eye as in EuRoC (Burri et al. 2016), gray
 //! OUT/CAMERA/mav0/imu0                the camera's IMU, which is the body
 //! OUT/CAMERA/mav0/state_groundtruth_estimate0   pose and velocity of the body, biases of the IMU
@@ -73,7 +74,7 @@ mod tables;
 mod truth;
 mod yaml;
 
-pub(crate) use self::tables::contacts;
+pub(crate) use self::tables::{contacts, feet};
 
 /// Options of rendering.
 #[derive(Clone, Copy, Debug)]
@@ -220,6 +221,7 @@ fn fill(
     file("rig.tum", &tables::tum(simulation))?;
     file("rig.kitti.txt", &tables::kitti(simulation))?;
     file("contacts.csv", &contacts(simulation, 0))?;
+    file("feet.csv", &feet(simulation, 0))?;
     for (name, text) in special::files(simulation, job.rig) {
         file(&name, &text)?;
     }

@@ -50,6 +50,7 @@ use self::surface::{Class, Material};
 use self::texture::Texture;
 use self::wearer::{ShoeTag, Wearer};
 use crate::targets::board::Board;
+use crate::walker::GaitProfile;
 
 /// Instance of the fence; others are numbered from 1.
 const FENCE_INSTANCE: u16 = u16::MAX;
@@ -222,7 +223,7 @@ impl Scene {
         let mut builder = Builder::new(seed);
         let made = kind.build(&mut builder);
         targets::stand(&mut builder, boards);
-        let wearer = Wearer::make(&mut builder, tags);
+        let wearer = Wearer::make(&mut builder, tags, &GaitProfile::draw(seed));
         let clouds = builder.texture(&palette::CLOUDS);
         let light = made.lights.at(lighting);
         // Moving bodies have no shadows; indoors the sun rarely reaches them.

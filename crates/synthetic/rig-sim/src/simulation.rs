@@ -325,7 +325,7 @@ impl Simulation {
         Ok(Self {
             settings: *settings,
             scene: OnceLock::new(),
-            walker: Walker::carrying(spline, seconds),
+            walker: Walker::carrying(spline, settings.seed, seconds),
             boards,
             plan: Some(*plan),
             cameras,

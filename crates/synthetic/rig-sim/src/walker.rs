@@ -5,15 +5,18 @@
 //! flat phases of [`Footfall`]s feet move smoothly; in a flat phase they are at rest. Time is in
 //! seconds from standing still; the first step follows within a second.
 
+mod foot_motion;
 pub mod gait;
 pub mod path;
+pub mod profile;
 pub mod progress;
 
 use nalgebra::{UnitQuaternion, Vector3};
 
+use self::foot_motion::{Avoidance, avoid, standing, swinging};
 pub use self::gait::{Footfall, Side};
-use self::gait::{HEEL_X, TIP_X, TOE_X};
 use self::path::Path;
+pub use self::profile::GaitProfile;
 use self::progress::Progress;
 use crate::random;
 use crate::scene::Scene;
@@ -22,7 +25,7 @@ use cad_transforms::so3;
 
 /// Knot spacing of the spline, s: motion up to about 10 Hz.
 pub(crate) const KNOT_S: f64 = 0.025;
-/// Height of the rig's datum above the soles of a standing wearer, m.
+/// Height of the rig's datum above the soles of a standing wearer of the reference height, m.
 const CHEST_HEIGHT_M: f64 = 1.3;
 /// Distance of the rig in front of the line of the hips, m.
 const CHEST_AHEAD_M: f64 = 0.14;
@@ -32,20 +35,16 @@ const CARRIER_X: f64 = -0.6;
 const ROLL_DOWN_S: f64 = 0.08;
 /// From heel lift until toe-off, s.
 const ROLL_OFF_S: f64 = 0.2;
-/// Pitch of the toe at the strike and of the heel at the end, rad, at a usual speed.
-const STRIKE_PITCH: f64 = -0.3;
-const OFF_PITCH: f64 = 0.75;
-/// Minimum clearance of a swinging foot, m.
-const CLEARANCE_M: f64 = 0.025;
 
 /// A walk.
 #[derive(Clone, Debug)]
 pub struct Walker {
+    profile: GaitProfile,
     spline: Spline,
     /// Footfalls of each foot, in the order of time.
     falls: [Vec<Footfall>; 2],
-    /// Lift of a foot in the swing after a footfall, m.
-    lifts: [Vec<f64>; 2],
+    /// Of the swing after each footfall.
+    avoidances: [Vec<Avoidance>; 2],
     seconds: f64,
 }
 
@@ -56,52 +55,74 @@ pub struct FootState {
     pub position: Vector3<f64>,
     /// Maps the foot frame (x forward, y left, z up from the sole) to the world.
     pub rotation: UnitQuaternion<f64>,
-    /// Whether a part of the sole is on the ground.
-    pub contact: bool,
-    /// Whether the whole sole is on the ground and at rest.
-    pub flat: bool,
+    /// What bears on the ground.
+    pub phase: Phase,
+}
+
+/// Part of a sole that bears on the ground.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Phase {
+    /// From heel strike to foot flat: the foot rolls over the heel.
+    Heel,
+    /// From foot flat to heel off: the whole sole, at rest.
+    Flat,
+    /// From heel off to toe off: the foot rolls over the toe.
+    Toe,
+    /// From toe off to heel strike: nothing.
+    Swing,
+}
+
+impl Phase {
+    /// `heel`, `flat`, `toe` or `swing`.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Heel => "heel",
+            Self::Flat => "flat",
+            Self::Toe => "toe",
+            Self::Swing => "swing",
+        }
+    }
 }
 
 impl Walker {
-    /// Walks the scene's route for `seconds`.
+    /// Walks the scene's route for `seconds`; the seed draws the wearer.
     pub fn new(scene: &Scene, seed: u64, seconds: f64) -> Self {
+        let profile = GaitProfile::draw(seed);
         let path = Path::closed(&scene.route.points);
         // Slightly longer than required, so that the end is not an edge.
         let progress = Progress::new(&scene.route.legs, seconds + 2.0);
         let ground = |x: f64, y: f64, below: f64| Some(scene.ground(x, y, below)?.height);
-        let all = gait::plan(&path, &progress, &ground, scene.route.start_below);
-        let spline = chest(&path, &progress, &all, seed);
+        let start_below = scene.route.start_below;
+        let all = gait::plan(&path, &progress, &ground, start_below, &profile);
+        let spline = chest(&path, &progress, &all, &profile, seed);
         let of = |side| all.iter().copied().filter(|f| f.side == side).collect();
         let falls: [Vec<Footfall>; 2] = [of(Side::Left), of(Side::Right)];
-        let lifts = [0, 1].map(|side| {
-            falls[side]
-                .windows(2)
-                .map(|pair| lift(&pair[0], &pair[1], &ground))
-                .collect()
+        let avoidances = [0, 1].map(|side| {
+            let swings = falls[side].windows(2);
+            swings.map(|of| avoid(&of[0], &of[1], &ground)).collect()
         });
         Self {
+            profile,
             spline,
             falls,
-            lifts,
+            avoidances,
             seconds,
         }
     }
 
     /// A person who stands on the floor behind the rig and carries it along a spline whose second
     /// control is at the beginning.
-    pub(crate) fn carrying(spline: Spline, seconds: f64) -> Self {
-        let standing = |side| Footfall {
-            side,
-            strike_s: -1.0,
-            off_s: f64::INFINITY,
-            position: Vector3::new(CARRIER_X, if side == Side::Left { 0.1 } else { -0.1 }, 0.0),
-            rotation: UnitQuaternion::identity(),
-            speed: 0.0,
+    pub(crate) fn carrying(spline: Spline, seed: u64, seconds: f64) -> Self {
+        let standing = |side| {
+            let y = if side == Side::Left { 0.1 } else { -0.1 };
+            let position = Vector3::new(CARRIER_X, y, 0.0);
+            Footfall::at_rest(side, position, UnitQuaternion::identity())
         };
         Self {
+            profile: GaitProfile::draw(seed),
             spline,
             falls: [Side::Left, Side::Right].map(|side| vec![standing(side)]),
-            lifts: [Vec::new(), Vec::new()],
+            avoidances: [Vec::new(), Vec::new()],
             seconds,
         }
     }
@@ -109,6 +130,11 @@ impl Walker {
     /// Length, s.
     pub fn seconds(&self) -> f64 {
         self.seconds
+    }
+
+    /// What is typical of the wearer.
+    pub fn profile(&self) -> &GaitProfile {
+        &self.profile
     }
 
     /// Pose of the rig in the world, and its derivatives.
@@ -133,7 +159,7 @@ impl Walker {
             return standing(fall, fall.off_s);
         };
         let t = (time_s - fall.off_s) / (to.strike_s - fall.off_s);
-        swinging(fall, to, self.lifts[side as usize][next - 1], t)
+        swinging(fall, to, &self.avoidances[side as usize][next - 1], t)
     }
 
     /// Time span in which a footfall's whole sole is down and at rest, s; empty in a quick run.
@@ -158,87 +184,15 @@ fn vigour(speed: f64) -> f64 {
     (speed / 1.3).clamp(0.0, 1.2)
 }
 
-/// A foot at rest, rotated by `pitch` about a point of its sole.
-fn rolled(fall: &Footfall, pivot_x: f64, pitch: f64) -> (Vector3<f64>, UnitQuaternion<f64>) {
-    let turn = so3::exp(Vector3::y() * pitch);
-    let pivot = Vector3::new(pivot_x, 0.0, 0.0);
-    let rotation = fall.rotation * turn;
-    (
-        fall.position + fall.rotation * pivot - rotation * pivot,
-        rotation,
-    )
-}
-
-/// Pitch of a foot at its strike.
-fn strike_pitch(fall: &Footfall) -> f64 {
-    STRIKE_PITCH * vigour(fall.speed) * (1.0 - gait::running_share(fall.speed))
-}
-
-fn standing(fall: &Footfall, time_s: f64) -> FootState {
-    let (flat_from, flat_to) = Walker::flat_phase(fall);
-    let (position, rotation, flat) = if time_s < flat_from {
-        let t = (time_s - fall.strike_s) / (flat_from - fall.strike_s);
-        let (p, r) = rolled(fall, HEEL_X, strike_pitch(fall) * (1.0 - smooth(t)));
-        (p, r, false)
-    } else if time_s <= flat_to || fall.off_s.is_infinite() {
-        (fall.position, fall.rotation, true)
-    } else {
-        let t = (time_s - flat_to) / (fall.off_s - flat_to);
-        let pitch = OFF_PITCH * vigour(fall.speed) * smooth(t);
-        let (p, r) = rolled(fall, TIP_X, pitch);
-        (p, r, false)
-    };
-    FootState {
-        position,
-        rotation,
-        contact: true,
-        flat,
-    }
-}
-
-fn swinging(from: &Footfall, to: &Footfall, lift: f64, t: f64) -> FootState {
-    let (p0, r0) = rolled(from, TIP_X, OFF_PITCH * vigour(from.speed));
-    let (p1, r1) = rolled(to, HEEL_X, strike_pitch(to));
-    let s = smooth(t);
-    let bump = 64.0 * (t * (1.0 - t)).powi(3);
-    // Upstairs a foot rises before it goes ahead, downstairs it goes ahead before it sinks.
-    let way = p1 - p0;
-    let climb = (way.z / 0.25).clamp(-1.0, 1.0);
-    let early = |share: f64| smooth(t / (1.0 - share));
-    let late = |share: f64| smooth((t - share) / (1.0 - share));
-    let (over, up) = match climb > 0.0 {
-        true => (late(0.25 * climb), early(0.4 * climb)),
-        false => (early(-0.25 * climb), late(-0.4 * climb)),
-    };
-    FootState {
-        position: p0 + Vector3::new(way.x * over, way.y * over, way.z * up + lift * bump),
-        rotation: r0 * so3::exp(so3::log(&(r0.inverse() * r1)) * s),
-        contact: false,
-        flat: false,
-    }
-}
-
-/// Lift that a foot needs to clear everything between two footfalls.
-fn lift(from: &Footfall, to: &Footfall, ground: &gait::GroundFn<'_>) -> f64 {
-    let below = from.position.z.max(to.position.z) + 0.5;
-    let mut lift: f64 = 0.02 + 0.03 * vigour(to.speed);
-    for k in 6..=34 {
-        let t = f64::from(k) / 40.0;
-        let foot = swinging(from, to, 0.0, t);
-        let bump = 64.0 * (t * (1.0 - t)).powi(3);
-        for x in [HEEL_X, 0.0, TOE_X] {
-            let p = foot.position + foot.rotation * Vector3::new(x, 0.0, 0.0);
-            if let Some(height) = ground(p.x, p.y, below) {
-                let needed = height + CLEARANCE_M.min(0.5 * bump) - p.z;
-                lift = lift.max(needed / bump);
-            }
-        }
-    }
-    lift.min(0.45)
-}
-
 /// Motion of the chest over the footfalls.
-fn chest(path: &Path, progress: &Progress, falls: &[Footfall], seed: u64) -> Spline {
+fn chest(
+    path: &Path,
+    progress: &Progress,
+    falls: &[Footfall],
+    profile: &GaitProfile,
+    seed: u64,
+) -> Spline {
+    let chest_m = CHEST_HEIGHT_M * profile.scale();
     let seconds = progress.seconds();
     let count = (seconds / KNOT_S).ceil() as usize + 4;
     // Intensity of the gait: the speed, smoothed over half a second to both sides.
@@ -250,11 +204,11 @@ fn chest(path: &Path, progress: &Progress, falls: &[Footfall], seed: u64) -> Spl
     for i in 0..count {
         // The first control is before the start.
         let t = (i as f64 - 1.0) * KNOT_S;
-        let (gone, speed) = progress.at(t);
+        let (gone, _) = progress.at(t);
         let ([x, y], [dx, dy]) = path.at(gone);
         let (phase, level) = stride(falls, t);
         let g = lively(t).min(1.8);
-        let run = gait::running_share(speed);
+        let run = gait::running_share(1.35 * lively(t));
         let turn = 2.0 * std::f64::consts::PI * phase;
         let (s1, c1) = (libm::sin(0.5 * turn), libm::cos(0.5 * turn));
         let c2 = libm::cos(turn - 2.0 * run);
@@ -299,7 +253,7 @@ fn chest(path: &Path, progress: &Progress, falls: &[Footfall], seed: u64) -> Spl
         let position = Vector3::new(
             x + dx * ahead - dy * (aside + sway(3, 0.003)),
             y + dy * ahead + dx * (aside + sway(3, 0.003)),
-            level + CHEST_HEIGHT_M + up + sway(4, 0.002),
+            level + chest_m + up + sway(4, 0.002),
         );
         let rotation = so3::from_yaw_pitch_roll(libm::atan2(dy, dx) + yaw, pitch, roll);
         controls.push((position, rotation));

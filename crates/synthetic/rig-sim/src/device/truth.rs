@@ -3,7 +3,7 @@
 use std::fmt::Write as _;
 
 use super::{Device, Stream};
-use crate::render::contacts;
+use crate::render::{contacts, feet};
 use crate::simulation::seconds;
 
 impl Device {
@@ -13,8 +13,8 @@ impl Device {
     /// * `truth.CAMERA.csv`: every frame of the walk, including lost ones: device clock in the
     ///   middle of the exposure (empty while the device is disconnected), true time, and
     ///   `world_from_rig` then (position in m, quaternion);
-    /// * `truth.contacts.csv`: times and poses of foot contacts with the ground, the same for all
-    ///   cameras.
+    /// * `truth.contacts.csv`: times and poses of foot contacts with the ground, and
+    ///   `truth.feet.csv`: poses of both soles at 200 Hz; the same for all cameras.
     pub fn truth(&self, begin_ns: i64) -> Vec<(String, String)> {
         let simulation = &*self.simulation;
         let settings = simulation.settings();
@@ -51,6 +51,7 @@ impl Device {
                 "truth.contacts.csv".to_owned(),
                 contacts(simulation, begin_ns),
             ),
+            ("truth.feet.csv".to_owned(), feet(simulation, begin_ns)),
         ]
     }
 }

@@ -10,6 +10,9 @@ use crate::scene::Scenery;
 use crate::simulation::{EyeDifference, Imaging, RigImu, Simulation, seconds};
 use crate::walker::{Footfall, Side, Walker};
 
+/// Poses of a foot per second.
+const FEET_RATE_HZ: usize = 200;
+
 /// The settings, so that the walk can be reproduced.
 pub(super) fn settings(simulation: &Simulation) -> String {
     let settings = simulation.settings();
@@ -123,8 +126,8 @@ pub(super) fn kitti(simulation: &Simulation) -> String {
 /// Contacts of both feet that begin within the walk, in the order of their strikes; times are
 /// counted from `begin_ns`, which is the beginning of the walk.
 pub(crate) fn contacts(simulation: &Simulation, begin_ns: i64) -> String {
-    let mut text = "#side,strike [ns],off [ns],flat from [ns],flat to [ns],x [m],y [m],z [m],\
-                    q_w [],q_x [],q_y [],q_z []\n"
+    let mut text = "#side,heel strike [ns],foot flat [ns],heel off [ns],toe off [ns],\
+                    x [m],y [m],z [m],q_w [],q_x [],q_y [],q_z []\n"
         .to_owned();
     let walker = simulation.walker();
     let end_s = simulation.settings().seconds;
@@ -135,18 +138,34 @@ pub(crate) fn contacts(simulation: &Simulation, begin_ns: i64) -> String {
         .collect();
     falls.sort_by(|a, b| a.strike_s.total_cmp(&b.strike_s));
     for fall in falls {
-        let side = match fall.side {
-            Side::Left => "left",
-            Side::Right => "right",
-        };
-        let (from, to) = Walker::flat_phase(fall);
-        let times = [fall.strike_s, fall.off_s, from, to].map(|time_s| match time_s.is_finite() {
+        let side = fall.side.name();
+        let (flat, heel_off) = Walker::flat_phase(fall);
+        let times = [fall.strike_s, flat, heel_off, fall.off_s];
+        let times = times.map(|time_s| match time_s.is_finite() {
             true => format!("{}", begin_ns + (time_s * 1e9).round() as i64),
             // The foot remains on the ground.
             false => String::new(),
         });
         let pose = pose(&fall.position, &fall.rotation);
         line(&mut text, format_args!("{side},{},{pose}", times.join(",")));
+    }
+    text
+}
+
+/// Poses of both soles at [`FEET_RATE_HZ`], and the part that bears on the ground; times are
+/// counted from `begin_ns`, which is the beginning of the walk.
+pub(crate) fn feet(simulation: &Simulation, begin_ns: i64) -> String {
+    let mut text =
+        "#time [ns],side,phase,x [m],y [m],z [m],q_w [],q_x [],q_y [],q_z []\n".to_owned();
+    let walker = simulation.walker();
+    let end_ns = (simulation.settings().seconds * 1e9) as i64;
+    for time_ns in (0..=end_ns).step_by(1_000_000_000 / FEET_RATE_HZ) {
+        for side in [Side::Left, Side::Right] {
+            let foot = walker.foot(side, seconds(time_ns));
+            let pose = pose(&foot.position, &foot.rotation);
+            let (time_ns, side, phase) = (begin_ns + time_ns, side.name(), foot.phase.name());
+            line(&mut text, format_args!("{time_ns},{side},{phase},{pose}"));
+        }
     }
     text
 }

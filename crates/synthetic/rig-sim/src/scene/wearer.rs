@@ -15,14 +15,15 @@ use super::surface::Class;
 use super::tag;
 use super::texture::Recipe;
 use crate::walker::gait::{HEEL_X, TOE_X};
-use crate::walker::{Side, Walker};
+use crate::walker::{GaitProfile, Side, Walker};
 use cad_transforms::so3;
 
-/// From the rig's datum to the hips, m: back, to each side, down.
+/// From the rig's datum to the hips of a wearer of the reference height, m: back, to each side,
+/// down.
 const HIP: [f64; 3] = [-0.14, 0.09, -0.37];
 /// From the middle of the sole to the ankle, m.
 const ANKLE: [f64; 3] = [-0.07, 0.0, 0.09];
-/// Lengths, m.
+/// Lengths of limbs of a wearer of the reference height, m.
 const SHANK_M: f64 = 0.42;
 const THIGH_M: f64 = 0.43;
 /// Maximum extension of a leg as a fraction of its length.
@@ -64,7 +65,8 @@ pub struct Wearer {
 }
 
 impl Wearer {
-    pub(super) fn make(b: &mut Builder, tags: &[ShoeTag]) -> UnlitWearer {
+    pub(super) fn make(b: &mut Builder, tags: &[ShoeTag], profile: &GaitProfile) -> UnlitWearer {
+        let scale = profile.scale();
         let cloth = b.texture(&Recipe {
             radius: [1.0, 50.0],
             contrast: 0.2,
@@ -89,8 +91,11 @@ impl Wearer {
             let own = tags.iter().filter(|tag| tag.side == side);
             own.for_each(|tag| put_on(&mut shoe, tag, [black, white]));
             meshes.push((Part::Shoe(side), shoe));
-            meshes.push((Part::Shank(side), limb(SHANK_M, [0.048, 0.06], trousers)));
-            meshes.push((Part::Thigh(side), limb(THIGH_M, [0.06, 0.085], trousers)));
+            let hem = profile.hem_m - ANKLE[2];
+            let shank = limb([hem, scale * SHANK_M], [0.048, 0.06], trousers);
+            meshes.push((Part::Shank(side), shank));
+            let thigh = limb([0.0, scale * THIGH_M], [0.06, 0.085], trousers);
+            meshes.push((Part::Thigh(side), thigh));
         }
         UnlitWearer {
             meshes,
@@ -115,11 +120,14 @@ impl Wearer {
         // Hips remain level while the chest leans.
         let ahead = rig.rotation * Vector3::x();
         let yaw = so3::exp(Vector3::z() * libm::atan2(ahead.y, ahead.x));
-        let hip = rig.position + yaw * Vector3::new(HIP[0], sign * HIP[1], HIP[2]);
+        let scale = walker.profile().scale();
+        let [back, aside, down] = HIP;
+        let hip = Vector3::new(back, sign * scale * aside, scale * down);
+        let hip = rig.position + yaw * hip;
         let ankle = foot.position + foot.rotation * Vector3::from(ANKLE);
         let forward = yaw * Vector3::x();
-        let hip = within_reach(&hip, &ankle);
-        let knee = knee(&hip, &ankle, &forward);
+        let hip = within_reach(&hip, &ankle, scale);
+        let knee = knee(&hip, &ankle, &forward, scale);
         match part {
             Part::Thigh(_) => (knee, along(&(hip - knee), &forward)),
             _ => (ankle, along(&(knee - ankle), &forward)),
@@ -188,29 +196,35 @@ fn put_on(mesh: &mut Mesh, tag: &ShoeTag, print: [Stuff; 2]) {
     tag::draw(mesh, tag.id, tag.size_m, place, print);
 }
 
-fn limb(length: f64, radii: [f64; 2], stuff: Stuff) -> Mesh {
+fn limb(ends_m: [f64; 2], radii: [f64; 2], stuff: Stuff) -> Mesh {
     let mut mesh = Mesh::default();
-    let ends = [Vector3::zeros(), Vector3::z() * length];
+    let ends = ends_m.map(|end| Vector3::z() * end);
     mesh.tube(ends, radii, 12, 0.1, stuff);
     mesh
 }
 
 /// The hip, moved towards the ankle if the leg is too short: in a long step the pelvis rotates and
 /// drops.
-fn within_reach(hip: &Vector3<f64>, ankle: &Vector3<f64>) -> Vector3<f64> {
+fn within_reach(hip: &Vector3<f64>, ankle: &Vector3<f64>, scale: f64) -> Vector3<f64> {
     let leg = hip - ankle;
-    let most = (SHANK_M + THIGH_M) * MAX_LEG_EXTENSION;
+    let most = scale * (SHANK_M + THIGH_M) * MAX_LEG_EXTENSION;
     ankle + leg * (most / leg.norm()).min(1.0)
 }
 
 /// Position of the knee, in front of the line from hip to ankle, which is within reach.
-fn knee(hip: &Vector3<f64>, ankle: &Vector3<f64>, forward: &Vector3<f64>) -> Vector3<f64> {
+fn knee(
+    hip: &Vector3<f64>,
+    ankle: &Vector3<f64>,
+    forward: &Vector3<f64>,
+    scale: f64,
+) -> Vector3<f64> {
+    let [shank, thigh] = [SHANK_M, THIGH_M].map(|length| scale * length);
     let leg = ankle - hip;
     let reach = leg.norm().max(0.2);
     let axis = leg.normalize();
     // From the hip along the leg to the foot of the knee's height, by the law of cosines.
-    let along = (reach * reach + THIGH_M * THIGH_M - SHANK_M * SHANK_M) / (2.0 * reach);
-    let height = (THIGH_M * THIGH_M - along * along).max(0.0).sqrt();
+    let along = (reach * reach + thigh * thigh - shank * shank) / (2.0 * reach);
+    let height = (thigh * thigh - along * along).max(0.0).sqrt();
     let out = (forward - axis * forward.dot(&axis)).normalize();
     hip + axis * along + out * height
 }
@@ -231,6 +245,8 @@ mod tests {
     fn legs_reach_from_hip_to_ankle_and_knees_point_forward() {
         let scene = by_day(Kind::Pavement, 1);
         let walker = Walker::new(&scene, 1, 20.0);
+        let scale = walker.profile().scale();
+        let [shank_m, thigh_m] = [SHANK_M, THIGH_M].map(|length| scale * length);
         let mut bent = 0;
         let mut far = 0;
         for k in 0..400 {
@@ -240,14 +256,14 @@ mod tests {
             for side in [Side::Left, Side::Right] {
                 let (ankle, shank) = Wearer::pose(Part::Shank(side), &walker, t);
                 let (knee, thigh) = Wearer::pose(Part::Thigh(side), &walker, t);
-                let knee_of_shank = ankle + shank * Vector3::z() * SHANK_M;
+                let knee_of_shank = ankle + shank * Vector3::z() * shank_m;
                 assert!((knee_of_shank - knee).norm() < 1e-9, "{t} {side:?}");
-                let hip = knee + thigh * Vector3::z() * THIGH_M;
+                let hip = knee + thigh * Vector3::z() * thigh_m;
                 let bend = (knee - (hip + ankle) * 0.5).dot(&ahead);
                 assert!(bend > -0.02, "{t} {side:?}: {bend}");
                 bent += i32::from(bend > 0.15);
                 let out = (hip - rig.position).xy().norm() - f64::hypot(HIP[0], HIP[1]);
-                let drop = rig.position.z + HIP[2] - hip.z;
+                let drop = rig.position.z + scale * HIP[2] - hip.z;
                 far += i32::from(drop.max(out.abs()) > 0.08);
             }
         }

@@ -3,13 +3,15 @@
 //! Steps are planned in sequence. The duration of the next one follows from the speed, its position
 //! from the future position of the body, corrected slightly where the sole would not rest (edges of
 //! kerbs and stairs); the foot lands when the body is there, so on stairs each step takes one tread
-//! and the time that this needs. Step length and cadence by speed follow Grieve's power law (1968);
-//! stance takes 62 % of a stride in walking and falls to 36 % in running (Perry 1992).
+//! and the time that this needs. Cadence, stance and their variation are those of the wearer's
+//! [`GaitProfile`].
 
 use nalgebra::{UnitQuaternion, Vector3};
 
 use super::path::Path;
+use super::profile::{GaitProfile, StepVariation};
 use super::progress::Progress;
+use super::vigour;
 use cad_transforms::so3;
 
 /// Left or right.
@@ -21,6 +23,16 @@ pub enum Side {
     Right = 1,
 }
 
+impl Side {
+    /// `left` or `right`.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Left => "left",
+            Self::Right => "right",
+        }
+    }
+}
+
 /// Heel of the sole, m in front of its middle.
 pub(crate) const HEEL_X: f64 = -0.13;
 /// Axis of the roll-off, m: near the toe, since this sole does not bend.
@@ -29,14 +41,15 @@ pub(crate) const TIP_X: f64 = 0.135;
 pub(crate) const TOE_X: f64 = 0.15;
 /// Half the width of the sole, m.
 pub(crate) const HALF_WIDTH: f64 = 0.045;
-/// Distance of the feet from the line walked along, m.
-const HALF_STANCE_M: f64 = 0.085;
-/// Feet point outwards by this, rad.
-const TOE_OUT: f64 = 0.12;
 /// Number of rows in which the ground under a sole is sampled.
 const ALONG: usize = 9;
 /// Margin around the ends of a sole, m.
 const MARGIN_M: f64 = 0.012;
+/// Distance behind the heel in which an edge would be scraped, m, its height above the sole, m, and
+/// the cost of it, m.
+const SCRAPE_M: f64 = 0.06;
+const SCRAPE_HEIGHT_M: f64 = 0.04;
+const SCRAPE_COST_M: f64 = 0.1;
 /// Maximum depth of supporting ground below the highest point under the sole, m.
 const EDGE_M: f64 = 0.06;
 /// Cost of an unstable foothold, m: more than any unevenness.
@@ -61,18 +74,56 @@ pub struct Footfall {
     pub rotation: UnitQuaternion<f64>,
     /// Speed of walking at the strike, m/s.
     pub speed: f64,
+    /// Pitch at the strike, about the heel, rad; negative: toe up.
+    pub strike_pitch_rad: f64,
+    /// Pitch when the toe leaves the ground, about the toe, rad.
+    pub off_pitch_rad: f64,
+    /// Smallest height of the toe over flat ground in the middle of the swing before, m.
+    pub clearance_m: f64,
+    /// Shift of the horizontal speed to later times in the swing before, as a ratio of the swing.
+    pub delay: f64,
+}
+
+impl Footfall {
+    /// A foot that stands flat from the beginning to the end.
+    pub(crate) fn at_rest(
+        side: Side,
+        position: Vector3<f64>,
+        rotation: UnitQuaternion<f64>,
+    ) -> Self {
+        Self {
+            side,
+            strike_s: -1.0,
+            off_s: f64::INFINITY,
+            position,
+            rotation,
+            speed: 0.0,
+            strike_pitch_rad: 0.0,
+            off_pitch_rad: 0.0,
+            clearance_m: 0.0,
+            delay: 0.0,
+        }
+    }
+
+    /// The same foothold in the gait of a wearer.
+    fn in_gait(self, speed: f64, profile: &GaitProfile, step: &StepVariation) -> Self {
+        let usual = vigour(speed);
+        let [strike, off] = step.pitch_rad;
+        Self {
+            speed,
+            strike_pitch_rad: (profile.strike_pitch_rad + strike)
+                * usual
+                * (1.0 - running_share(speed)),
+            off_pitch_rad: (profile.off_pitch_rad + off) * usual,
+            clearance_m: profile.toe_clearance_m * step.clearance_ratio,
+            delay: step.delay,
+            ..self
+        }
+    }
 }
 
 /// Height of the ground under a point, looking down from a height.
 pub type GroundFn<'a> = dyn Fn(f64, f64, f64) -> Option<f64> + 'a;
-
-/// Steps per second at a speed.
-fn cadence(speed: f64) -> f64 {
-    let walking = 1.87 * libm::pow(speed.max(0.3) / 1.35, 0.42);
-    // Cadence of running, at any speed.
-    let running = 2.6;
-    walking + (running - walking) * running_share(speed)
-}
 
 /// 0 for walking, 1 for running.
 pub(crate) fn running_share(speed: f64) -> f64 {
@@ -86,6 +137,7 @@ pub fn plan(
     progress: &Progress,
     ground: &GroundFn<'_>,
     start_below: f64,
+    profile: &GaitProfile,
 ) -> Vec<Footfall> {
     let seconds = progress.seconds();
     let mut level = start_below;
@@ -93,13 +145,16 @@ pub fn plan(
     let mut last: [Option<usize>; 2] = [None; 2];
     let mut at_m = [0.0_f64; 2];
     for side in [Side::Left, Side::Right] {
-        let start = progress.at(0.0).0;
-        let (_, fall) = foothold(path, side, start, level, None, ground, 0.0);
+        let wish = Wish {
+            side,
+            distance_m: progress.at(0.0).0,
+            half_width_m: profile.half_step_width_m,
+            toe_out_rad: profile.toe_out_rad[side as usize],
+            below: level,
+        };
+        let (_, fall) = foothold(path, &wish, None, ground);
         last[side as usize] = Some(falls.len());
-        falls.push(Footfall {
-            strike_s: -1.0,
-            ..fall
-        });
+        falls.push(fall);
         level = fall.position.z + 0.6;
     }
     let mut t = 0.05;
@@ -114,29 +169,38 @@ pub fn plan(
             t += 0.02;
             continue;
         }
-        let period = if closing { 0.6 } else { 1.0 / cadence(speed) };
+        let step = profile.step(falls.len() as u64);
+        let period = match closing {
+            true => 0.6,
+            false => step.duration_ratio / profile.cadence(speed),
+        };
         let land = t + period;
         let (gone, speed_then) = progress.at(land);
         let stumbles = progress.stumbles().iter().any(|&s| (t..land).contains(&s));
         let ahead = match speed_then > STANDING && !closing {
-            true => 0.5 * speed_then / cadence(speed_then),
+            true => 0.5 * speed_then / profile.cadence(speed_then) + step.place_m[0],
             false => 0.0,
         };
         let short = if stumbles { 0.35 } else { 1.0 };
-        let running = running_share(speed);
-        let duty = 0.62 - 0.26 * running;
         if let Some(i) = last[side as usize] {
-            let off = t + (2.0 * duty - 1.0) * period;
+            let off = t + (2.0 * profile.duty(speed) - 1.0) * period;
             falls[i].off_s = off.max(falls[i].strike_s + 0.15);
         }
-        let wish = gone + short * ahead;
-        let wish = wish.max(at_m[side as usize]);
         let other = falls.last().map(|f| f.position.z);
-        let (off, mut fall) = foothold(path, side, wish, level, other, ground, speed_then);
+        let wish = Wish {
+            side,
+            distance_m: (gone + short * ahead).max(at_m[side as usize]),
+            half_width_m: profile.half_step_width_m * (1.0 - 0.4 * running_share(speed_then))
+                + step.place_m[1],
+            toe_out_rad: profile.toe_out_rad[side as usize] + step.toe_out_rad,
+            below: level,
+        };
+        let (off, fall) = foothold(path, &wish, other, ground);
+        let mut fall = fall.in_gait(speed_then, profile, &step);
         let later = off / speed_then.max(0.3);
         let land = land + later.clamp(-0.4 * period, 0.4 * period);
         fall.strike_s = land;
-        at_m[side as usize] = wish + off;
+        at_m[side as usize] = wish.distance_m + off;
         level = fall.position.z + 0.6;
         last[side as usize] = Some(falls.len());
         falls.push(fall);
@@ -149,22 +213,31 @@ pub fn plan(
     falls
 }
 
-/// Best foothold near a distance along the path, and its offset from there, m. `other` is the
-/// height of the standing foot.
+/// Where a foot should come down.
+struct Wish {
+    side: Side,
+    /// Distance along the path, m.
+    distance_m: f64,
+    /// Distance from the path, m.
+    half_width_m: f64,
+    toe_out_rad: f64,
+    /// Height below which the ground is searched, m.
+    below: f64,
+}
+
+/// Best foothold near the wish, and its offset from there along the path, m. `other` is the height
+/// of the standing foot.
 fn foothold(
     path: &Path,
-    side: Side,
-    distance_m: f64,
-    below: f64,
+    wish: &Wish,
     other: Option<f64>,
     ground: &GroundFn<'_>,
-    speed: f64,
 ) -> (f64, Footfall) {
     let mut best: Option<(f64, f64, Footfall)> = None;
     for k in 0..17_i32 {
         // 0, 2, -2, 4, -4 … cm
         let off = 0.02 * f64::from((k + 1) / 2) * if k % 2 == 0 { -1.0 } else { 1.0 };
-        let Some((uneven, fall)) = rest(path, side, distance_m + off, below, ground, speed) else {
+        let Some((uneven, fall)) = rest(path, wish, off, ground) else {
             continue;
         };
         let rise = other.map_or(0.0, |z| (fall.position.z - z).abs());
@@ -176,15 +249,9 @@ fn foothold(
     best.map_or_else(
         || {
             // No ground at all: a hole in the scene, which the scene's test finds.
-            let ([x, y], _) = path.at(distance_m);
-            let fall = Footfall {
-                side,
-                strike_s: 0.0,
-                off_s: f64::INFINITY,
-                position: Vector3::new(x, y, below - 0.6),
-                rotation: UnitQuaternion::identity(),
-                speed,
-            };
+            let ([x, y], _) = path.at(wish.distance_m);
+            let position = Vector3::new(x, y, wish.below - 0.6);
+            let fall = Footfall::at_rest(wish.side, position, UnitQuaternion::identity());
             (0.0, fall)
         },
         |(_, off, fall)| (off, fall),
@@ -194,25 +261,18 @@ fn foothold(
 /// The ground under the sole: `(x, y)` in the foot's axes and the height there, m.
 type Sample = ((f64, f64), f64);
 
-/// Pose of the sole at rest, and its cost, m.
-fn rest(
-    path: &Path,
-    side: Side,
-    distance_m: f64,
-    below: f64,
-    ground: &GroundFn<'_>,
-    speed: f64,
-) -> Option<(f64, Footfall)> {
-    let ([x, y], [dx, dy]) = path.at(distance_m);
-    let sign = match side {
+/// Pose of the sole at rest `off` m beyond the wish, and its cost, m.
+fn rest(path: &Path, wish: &Wish, off: f64, ground: &GroundFn<'_>) -> Option<(f64, Footfall)> {
+    let ([x, y], [dx, dy]) = path.at(wish.distance_m + off);
+    let sign = match wish.side {
         Side::Left => 1.0,
         Side::Right => -1.0,
     };
-    let out = sign * HALF_STANCE_M * (1.0 - 0.4 * running_share(speed));
+    let out = sign * wish.half_width_m;
     let (x, y) = (x - dy * out, y + dx * out);
-    let yaw = libm::atan2(dy, dx) + sign * TOE_OUT;
+    let yaw = libm::atan2(dy, dx) + sign * wish.toe_out_rad;
     let (s, c) = (libm::sin(yaw), libm::cos(yaw));
-    let height = |fx: f64, fy: f64| ground(x + c * fx - s * fy, y + s * fx + c * fy, below);
+    let height = |fx: f64, fy: f64| ground(x + c * fx - s * fy, y + s * fx + c * fy, wish.below);
     let mut samples: Vec<Sample> = Vec::with_capacity(ALONG * 3);
     for i in 0..ALONG {
         let (heel, toe) = (HEEL_X - MARGIN_M, TOE_X + MARGIN_M);
@@ -253,16 +313,17 @@ fn rest(
         false => UnitQuaternion::identity(),
     };
     let steep = (slope_x.abs() - 0.35).max(0.0) + (slope_y.abs() - 0.35).max(0.0);
+    // Stepping down, the heel passes the edge while it sinks.
+    let behind = height(HEEL_X - SCRAPE_M, 0.0)?;
+    let scraped = match behind > middle + proud + SCRAPE_HEIGHT_M {
+        true => SCRAPE_COST_M,
+        false => 0.0,
+    };
+    let position = Vector3::new(x, y, middle + proud);
+    let rotation = lean * so3::exp(Vector3::z() * yaw);
     Some((
-        proud + hollow + 0.3 * steep + jutting,
-        Footfall {
-            side,
-            strike_s: 0.0,
-            off_s: f64::INFINITY,
-            position: Vector3::new(x, y, middle + proud),
-            rotation: lean * so3::exp(Vector3::z() * yaw),
-            speed,
-        },
+        proud + hollow + 0.3 * steep + jutting + scraped,
+        Footfall::at_rest(wish.side, position, rotation),
     ))
 }
 

@@ -1,3 +1,4 @@
+use super::gait::{HEEL_X, TOE_X};
 use super::*;
 use std::sync::Arc;
 
@@ -27,7 +28,7 @@ fn feet_are_at_rest_while_flat_and_never_sink_or_jump() {
                 if let Some(last) = last {
                     let moved = (foot.position - last.position).norm();
                     assert!(moved < 0.06, "{at}: {moved}");
-                    if foot.flat && last.flat {
+                    if [foot.phase, last.phase] == [Phase::Flat; 2] {
                         assert!(moved < 1e-4, "{at}: {moved}");
                         flats += 1;
                     }
@@ -159,4 +160,73 @@ fn perfect_imu_integrates_to_the_pose() {
         off < 1e-3 && rotation_deg < 0.01,
         "{off} m, {rotation_deg} degrees"
     );
+}
+
+/// Published figures of walking at a usual speed (Winter 1991; Moosabhoy and Gard 2006): the toe
+/// passes the ground by 1 to 3 cm at mid-swing, the heel rises by a quarter of a meter, and the
+/// foot is three to four times as fast as the body.
+#[test]
+fn swings_on_flat_ground_are_like_those_of_people() {
+    let scene = by_day(Kind::Pavement, 1);
+    let mut clearances = Vec::new();
+    for seed in 1..=6 {
+        let walker = Walker::new(&scene, seed, 30.0);
+        for side in [Side::Left, Side::Right] {
+            for pair in walker.contacts(side).windows(2) {
+                let [from, to] = pair else { unreachable!() };
+                let level = (from.position.z - to.position.z).abs() < 0.01;
+                let usual = (1.2..1.5).contains(&from.speed) && (1.2..1.5).contains(&to.speed);
+                if !level || !usual || to.strike_s > 30.0 {
+                    continue;
+                }
+                let swing = to.strike_s - from.off_s;
+                let at = |t: f64| walker.foot(side, from.off_s + t * swing);
+                let point = |t: f64, x: f64| {
+                    let foot = at(t);
+                    foot.position + foot.rotation * Vector3::new(x, 0.0, 0.0)
+                };
+                let over = |t: f64, x: f64| {
+                    let p = point(t, x);
+                    p.z - scene.ground(p.x, p.y, p.z + 0.4).unwrap().height
+                };
+                let middle = (35..=60).map(|k| over(0.01 * f64::from(k), TOE_X));
+                clearances.push(middle.fold(f64::MAX, f64::min));
+                let heel = (0..=50).map(|k| over(0.01 * f64::from(k), HEEL_X));
+                let heel = heel.fold(0.0, f64::max);
+                assert!((0.18..0.34).contains(&heel), "{from:?} {to:?}: {heel}");
+                let speed = |k: i32| {
+                    let [a, b] = [0.01 * f64::from(k), 0.01 * f64::from(k + 1)];
+                    (at(b).position - at(a).position).norm() / (0.01 * swing)
+                };
+                let fastest = (0..100).map(speed).fold(0.0, f64::max);
+                assert!((3.6..6.0).contains(&fastest), "{from:?} {to:?}: {fastest}");
+                // The foot goes on as it was when the toe leaves the ground.
+                let h = 1e-4;
+                let before = walker.foot(side, from.off_s - h).position;
+                let now = walker.foot(side, from.off_s).position;
+                let after = walker.foot(side, from.off_s + h).position;
+                let jump = (after - now - (now - before)).norm() / h;
+                assert!(jump < 0.05, "{from:?}: {jump} m/s");
+            }
+        }
+    }
+    clearances.sort_by(f64::total_cmp);
+    let of = |share: f64| clearances[(share * (clearances.len() - 1) as f64) as usize];
+    let found = [of(0.05), of(0.5), of(0.95)];
+    assert!(clearances.len() > 100, "{}", clearances.len());
+    assert!(found[0] > 0.008 && found[2] < 0.045, "{found:?}");
+    assert!((0.012..0.03).contains(&found[1]), "{found:?}");
+}
+
+#[test]
+fn wearers_differ() {
+    let scene = by_day(Kind::Pavement, 1);
+    let walkers = [1, 2, 3].map(|seed| Walker::new(&scene, seed, 20.0));
+    let heights = walkers.each_ref().map(|w| w.rig(10.0).position.z);
+    let steps = walkers.each_ref().map(|w| w.contacts(Side::Left)[4]);
+    for (k, other) in [(0, 1), (1, 2), (0, 2)] {
+        assert!((heights[k] - heights[other]).abs() > 0.005, "{heights:?}");
+        assert!(steps[k].strike_pitch_rad != steps[other].strike_pitch_rad);
+        assert!(steps[k].strike_s != steps[other].strike_s);
+    }
 }
