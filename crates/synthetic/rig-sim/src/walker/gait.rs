@@ -52,6 +52,8 @@ const SCRAPE_HEIGHT_M: f64 = 0.04;
 const SCRAPE_COST_M: f64 = 0.1;
 /// Maximum depth of supporting ground below the highest point under the sole, m.
 const EDGE_M: f64 = 0.06;
+/// Cost of a sole that juts out with all of its length, m.
+const JUTTING_COST_M: f64 = 0.2;
 /// Cost of an unstable foothold, m: more than any unevenness.
 const UNSTABLE_COST_M: f64 = 1.0;
 /// Preferred maximum step height, m: one stair, not two.
@@ -289,7 +291,7 @@ fn rest(path: &Path, wish: &Wish, off: f64, ground: &GroundFn<'_>) -> Option<(f6
     let share = carrying.len() as f64 / samples.len() as f64;
     let is_carried = |fx: f64| carrying.iter().any(|s| (s.0.0 - fx).abs() < 0.03);
     let jutting = if share > 0.6 && is_carried(-0.03) && is_carried(0.07) {
-        0.15 * (1.0 - share)
+        JUTTING_COST_M * (1.0 - share)
     } else {
         carrying = samples;
         UNSTABLE_COST_M
@@ -322,7 +324,7 @@ fn rest(path: &Path, wish: &Wish, off: f64, ground: &GroundFn<'_>) -> Option<(f6
     let position = Vector3::new(x, y, middle + proud);
     let rotation = lean * so3::exp(Vector3::z() * yaw);
     Some((
-        proud + hollow + 0.3 * steep + jutting + scraped,
+        2.0 * proud + hollow + 0.3 * steep + jutting + scraped,
         Footfall::at_rest(wish.side, position, rotation),
     ))
 }
