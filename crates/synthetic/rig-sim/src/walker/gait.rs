@@ -296,15 +296,9 @@ fn rest(path: &Path, wish: &Wish, off: f64, ground: &GroundFn<'_>) -> Option<(f6
         carrying = samples;
         UNSTABLE_COST_M
     };
-    let (middle, slope_x, slope_y) = plane(&carrying);
-    // A rigid sole rests on the protruding points.
-    let mut proud = 0.0_f64;
-    let mut hollow = 0.0_f64;
-    for ((fx, fy), z) in &carrying {
-        let off = z - (middle + slope_x * fx + slope_y * fy);
-        proud = proud.max(off);
-        hollow = hollow.max(-off);
-    }
+    let (middle, slope_x, slope_y) = support(&carrying)?;
+    let gap = |((fx, fy), z): &Sample| middle + slope_x * fx + slope_y * fy - z;
+    let hollow = carrying.iter().map(gap).fold(0.0, f64::max);
     let forward = Vector3::new(c, s, slope_x);
     let left = Vector3::new(-s, c, slope_y);
     let up = forward.cross(&left).normalize();
@@ -317,33 +311,52 @@ fn rest(path: &Path, wish: &Wish, off: f64, ground: &GroundFn<'_>) -> Option<(f6
     let steep = (slope_x.abs() - 0.35).max(0.0) + (slope_y.abs() - 0.35).max(0.0);
     // Stepping down, the heel passes the edge while it sinks.
     let behind = height(HEEL_X - SCRAPE_M, 0.0)?;
-    let scraped = match behind > middle + proud + SCRAPE_HEIGHT_M {
+    let scraped = match behind > middle + SCRAPE_HEIGHT_M {
         true => SCRAPE_COST_M,
         false => 0.0,
     };
-    let position = Vector3::new(x, y, middle + proud);
+    let position = Vector3::new(x, y, middle);
     let rotation = lean * so3::exp(Vector3::z() * yaw);
     Some((
-        2.0 * proud + hollow + 0.3 * steep + jutting + scraped,
+        hollow + 0.3 * steep + jutting + scraped,
         Footfall::at_rest(wish.side, position, rotation),
     ))
 }
 
-/// The plane through samples by least squares: height at the foot's origin, slopes along and
-/// across.
-fn plane(samples: &[Sample]) -> (f64, f64, f64) {
-    let n = samples.len() as f64;
-    let mean = |f: &dyn Fn(&Sample) -> f64| samples.iter().map(f).sum::<f64>() / n;
-    let (x, y, z) = (mean(&|s| s.0.0), mean(&|s| s.0.1), mean(&|s| s.1));
-    let about = |f: &dyn Fn(f64, f64, f64) -> f64| mean(&|s| f(s.0.0 - x, s.0.1 - y, s.1 - z));
-    let (xx, xy, yy) = (
-        about(&|x, _, _| x * x),
-        about(&|x, y, _| x * y),
-        about(&|_, y, _| y * y),
-    );
-    let (xz, yz) = (about(&|x, _, z| x * z), about(&|_, y, z| y * z));
-    let determinant = xx * yy - xy * xy;
-    let slope_x = (xz * yy - yz * xy) / determinant;
-    let slope_y = (yz * xx - xz * xy) / determinant;
-    (z - slope_x * x - slope_y * y, slope_x, slope_y)
+/// The plane on which a rigid sole rests: through three samples around its middle, with no sample
+/// above it. Height at the foot's origin, slopes along and across; `None` if the samples are not
+/// around the origin.
+fn support(samples: &[Sample]) -> Option<(f64, f64, f64)> {
+    for (i, a) in samples.iter().enumerate() {
+        for (j, b) in samples.iter().enumerate().skip(i + 1) {
+            for c in &samples[j + 1..] {
+                let Some((z, slope_x, slope_y)) = plane(a, b, c) else {
+                    continue;
+                };
+                let is_below =
+                    |((x, y), height): &Sample| *height < z + slope_x * x + slope_y * y + 1e-9;
+                if samples.iter().all(is_below) {
+                    return Some((z, slope_x, slope_y));
+                }
+            }
+        }
+    }
+    None
+}
+
+/// The plane through three samples; `None` if they are on a line or the origin is not between them.
+fn plane(a: &Sample, b: &Sample, c: &Sample) -> Option<(f64, f64, f64)> {
+    let cross = |p: &Sample, q: &Sample| p.0.0 * q.0.1 - p.0.1 * q.0.0;
+    // Areas of the triangles with the origin: its barycentric coordinates.
+    let weights = [cross(b, c), cross(c, a), cross(a, b)];
+    let sum: f64 = weights.iter().sum();
+    if sum.abs() < 1e-6 || weights.iter().any(|w| w / sum < -1e-9) {
+        return None;
+    }
+    let z = (weights[0] * a.1 + weights[1] * b.1 + weights[2] * c.1) / sum;
+    let [u, v] = [b, c].map(|p| (p.0.0 - a.0.0, p.0.1 - a.0.1, p.1 - a.1));
+    let determinant = u.0 * v.1 - u.1 * v.0;
+    let slope_x = (u.2 * v.1 - v.2 * u.1) / determinant;
+    let slope_y = (u.0 * v.2 - v.0 * u.2) / determinant;
+    Some((z, slope_x, slope_y))
 }
