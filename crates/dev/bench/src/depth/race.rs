@@ -173,6 +173,18 @@ impl Race {
         fast_enough.find(|p| p.at(density).is_some_and(|at| at < bad))
     }
 
+    /// Points of OpenCV's at whose density none of ours has fewer bad answers, however fast.
+    #[cfg(test)]
+    pub(super) fn less_accurate_than(&self) -> Vec<&str> {
+        let is_reached = |theirs: &&Point| {
+            let (density, bad) = (theirs.scores.density(), theirs.scores.bad_ratio(BAD_2));
+            let mut ours = self.points.iter().filter(|p| p.kind == "ours");
+            ours.any(|p| p.at(density).is_some_and(|at| at < bad))
+        };
+        let missed = self.theirs().filter(|p| !is_reached(p));
+        missed.map(|p| p.name.as_str()).collect()
+    }
+
     fn theirs(&self) -> impl Iterator<Item = &Point> {
         self.points.iter().filter(|p| p.kind != "ours")
     }
