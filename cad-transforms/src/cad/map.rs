@@ -204,6 +204,7 @@ impl Map {
             edges,
             closures: Vec::new(),
             shoe_tags: Vec::new(),
+            soles: Vec::new(),
         })?)
     }
 
@@ -307,6 +308,7 @@ pub fn rig_of_frames(cad: &Cad, name: &str, source: CadSource) -> Result<Rig, Ma
         edges: edges.collect(),
         closures: Vec::new(),
         shoe_tags: Vec::new(),
+        soles: Vec::new(),
     })?)
 }
 

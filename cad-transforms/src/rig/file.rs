@@ -9,7 +9,7 @@ use toml::de::{DeTable, DeValue};
 use super::table::{Log, Table, integer, list_of, not_toml, numbers, rows, table_of, text_of};
 use super::{
     CadSource, Edge, Problem, Problems, Provenance, ProvenanceKind, RIG_FORMAT, Rig, devices,
-    loops, tags, tolerance, tree,
+    loops, soles, tags, tolerance, tree,
 };
 use crate::frame::Frame;
 use crate::transform::RigidTransform;
@@ -49,6 +49,7 @@ impl Parsed {
                 closures: Vec::new(),
                 towards_rig: BTreeMap::new(),
                 shoe_tags: Vec::new(),
+                soles: Vec::new(),
             },
             edge_lines: Vec::new(),
             camera_lines: Vec::new(),
@@ -80,6 +81,7 @@ pub(super) fn read(text: &str) -> Parsed {
             "provenance",
             "parent_from_child",
             "shoe_tag",
+            "sole",
             "camera",
             "closes_loop",
         ],
@@ -105,6 +107,7 @@ pub(super) fn read(text: &str) -> Parsed {
     let cameras = devices::cameras(&root, &edges, &mut log);
     let closures = loops::closures(&root, &mut log);
     let shoe_tags = tags::shoe_tags(&root, &mut log);
+    let soles = soles::soles(&root, &mut log);
 
     let lines = |places: Vec<&Range<usize>>| places.iter().map(|at| log.line(at)).collect();
     let edge_lines = lines(edges.iter().map(|(at, _)| at).collect());
@@ -120,6 +123,7 @@ pub(super) fn read(text: &str) -> Parsed {
         closures: Vec::new(),
         towards_rig,
         shoe_tags,
+        soles,
     };
     for (at, closure) in closures {
         if let Some(message) = loops::objection(&rig, &closure) {

@@ -4,7 +4,11 @@ use std::ops::Range;
 
 use super::file::transform;
 use super::table::{Log, Table, integer, list_of, positive, text_of};
+use super::tolerance::{self, Units, in_units};
+use crate::covariance::Covariance;
 use crate::transform::RigidTransform;
+
+const SIZE_SIGMA: Units = [("sigma_size_m", 1.0), ("sigma_size_mm", 1e-3)];
 
 /// An AprilTag on a shoe.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -19,6 +23,11 @@ pub struct ShoeTag {
     pub size_m: f64,
     /// Takes coordinates in the tag's frame to the foot's; see [`super`].
     pub foot_from_tag: RigidTransform,
+    /// Standard deviation of the size, m.
+    pub size_sigma_m: Option<f64>,
+    /// Covariance of the placement: of a small motion of the tag in its own axes. `None` where the
+    /// file says nothing, which is not the same as exact.
+    pub covariance: Option<Covariance>,
 }
 
 /// A family of AprilTags.
@@ -112,6 +121,13 @@ fn shoe_tag(table: &Table<'_, '_>, log: &mut Log<'_>) -> Option<ShoeTag> {
             "rotation_wxyz",
             "rotation_rows",
             "translation_m",
+            "sigma_size_m",
+            "sigma_size_mm",
+            "sigma_translation_m",
+            "sigma_translation_mm",
+            "sigma_rotation_rad",
+            "sigma_rotation_deg",
+            "covariance",
         ],
         log,
     );
@@ -124,6 +140,14 @@ fn shoe_tag(table: &Table<'_, '_>, log: &mut Log<'_>) -> Option<ShoeTag> {
     let foot = one_of(table, "foot", &Foot::ALL.map(|f| (f.as_str(), f)), log);
     let size_m = table.get("size_m", log, positive, "a number above 0");
     let foot_from_tag = transform(table, log);
+    let problems = log.problems.len();
+    let covariance = tolerance::covariance(table, log);
+    let has_sigma = SIZE_SIGMA
+        .iter()
+        .any(|(key, _)| table.table.contains_key(*key));
+    let size_sigma =
+        has_sigma.then(|| in_units(table, &SIZE_SIGMA, log, positive, "a number above 0", None));
+    let is_tolerance_wrong = log.problems.len() > problems;
     let id = table.get("id", log, integer, "an integer");
     let (family, (at, id)) = (family?, id?);
     let last = family.count() - 1;
@@ -132,17 +156,22 @@ fn shoe_tag(table: &Table<'_, '_>, log: &mut Log<'_>) -> Option<ShoeTag> {
         log.add(at, format!("id is {id}, family {family} has 0 to {last}"));
         return None;
     };
+    if is_tolerance_wrong {
+        return None;
+    }
     Some(ShoeTag {
         family,
         id,
         foot: foot?,
         size_m: size_m?.1,
         foot_from_tag: foot_from_tag?,
+        size_sigma_m: size_sigma.flatten().map(|(_, sigma)| sigma),
+        covariance,
     })
 }
 
 /// The value whose name stands under `key`.
-fn one_of<T: Copy>(
+pub(super) fn one_of<T: Copy>(
     table: &Table<'_, '_>,
     key: &'static str,
     known: &[(&'static str, T)],
