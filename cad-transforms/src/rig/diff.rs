@@ -298,15 +298,14 @@ fn tag_changes(was: &ShoeTag, is: &ShoeTag) -> Vec<String> {
 }
 
 fn sole_changes(was: &Sole, is: &Sole) -> Vec<String> {
-    let outline = was.outline_m != is.outline_m;
-    let tolerance = was.sigma_m != is.sigma_m;
-    [
-        (outline, "outline changed"),
-        (tolerance, "tolerance changed"),
-    ]
-    .into_iter()
-    .filter_map(|(changed, words)| changed.then(|| words.to_owned()))
-    .collect()
+    let mut words = Vec::new();
+    if was.outline_m != is.outline_m {
+        words.push("outline changed".to_owned());
+    }
+    if was.sigma_m != is.sigma_m {
+        words.push("tolerance changed".to_owned());
+    }
+    words
 }
 
 fn number(what: &str, was: f64, is: f64, unit: &str) -> Option<String> {
