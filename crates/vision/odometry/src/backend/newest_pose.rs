@@ -167,8 +167,7 @@ impl NewestObservation<'_> {
 /// Weight of a residual by Tukey's loss with this scale, in standard deviations; `None` beyond it.
 fn tukey_weight(residual: &Residual, sigma_px: f64, scale: f64) -> Option<f64> {
     let size = residual.residual.norm() / (sigma_px * scale);
-    (size < 1.0)
-        .then(|| residual.image_weight * (1.0 - size * size).powi(2) / (sigma_px * sigma_px))
+    (size < 1.0).then(|| (1.0 - size * size).powi(2) / (sigma_px * sigma_px))
 }
 
 /// Derivative of the newest pose by the errors of the calibrations, with the cameras of its

@@ -32,8 +32,6 @@ pub(crate) struct Residual {
     pub(crate) by_rho: Vector2<f64>,
     /// By the error of the stereo calibration; zero in the left image.
     pub(crate) by_stereo: ByStereo,
-    /// Weight of the image relative to the left one; included in weight and cost.
-    pub(crate) image_weight: f64,
     pub(crate) weight: f64,
     pub(crate) cost: f64,
 }
@@ -51,10 +49,7 @@ pub(crate) fn residuals(
     config: &BackendConfig,
 ) -> [Option<Residual>; 2] {
     let (observation_sigma_px, huber_sigma) = (config.observation_sigma_px, config.huber_sigma);
-    let weigh = |image_weight: f64,
-                 residual: Vector2<f64>,
-                 by_x: SMatrix<f64, 2, 3>,
-                 by_rho: Vector2<f64>| {
+    let weigh = |residual: Vector2<f64>, by_x: SMatrix<f64, 2, 3>, by_rho: Vector2<f64>| {
         let (weight, cost) = huber(
             huber_sigma,
             residual.norm_squared() / (observation_sigma_px * observation_sigma_px),
@@ -64,28 +59,25 @@ pub(crate) fn residuals(
             by_x,
             by_rho,
             by_stereo: ByStereo::zeros(),
-            image_weight,
-            weight: image_weight * weight / (observation_sigma_px * observation_sigma_px),
-            cost: image_weight * cost,
+            weight: weight / (observation_sigma_px * observation_sigma_px),
+            cost,
         }
     };
-    let saturated = |image_weight: f64, bearing: &BearingMeasurement| Residual {
+    let saturated = |bearing: &BearingMeasurement| Residual {
         residual: Vector2::zeros(),
         by_x: SMatrix::zeros(),
         by_rho: Vector2::zeros(),
         by_stereo: ByStereo::zeros(),
-        image_weight,
         weight: 0.0,
-        cost: image_weight
-            * huber(
-                huber_sigma,
-                bearing.saturated_residual() / (observation_sigma_px * observation_sigma_px),
-            )
-            .1,
+        cost: huber(
+            huber_sigma,
+            bearing.saturated_residual() / (observation_sigma_px * observation_sigma_px),
+        )
+        .1,
     };
     let left = (!is_host).then(|| match observation.left.residual(x) {
-        Some((residual, by)) => weigh(1.0, residual, by, by * by_rho),
-        None => saturated(1.0, &observation.left),
+        Some((residual, by)) => weigh(residual, by, by * by_rho),
+        None => saturated(&observation.left),
     });
     let right = observation.right.as_ref().map(|right| {
         let (rotation, origin) = &camera.right_from_left;
@@ -93,17 +85,12 @@ pub(crate) fn residuals(
         let right = camera.stereo.compensate_lens_error(right);
         // The decentering changes Jacobians by less than a hundredth.
         let Some((residual, by)) = right.residual(&point) else {
-            return saturated(config.right_weight, &right);
+            return saturated(&right);
         };
         let by_left = by * rotation;
         Residual {
             by_stereo: by * camera.stereo.jacobian(&right, &point, origin, rho),
-            ..weigh(
-                config.right_weight,
-                residual,
-                by_left,
-                by_left * by_rho + by * origin,
-            )
+            ..weigh(residual, by_left, by_left * by_rho + by * origin)
         }
     });
     [left, right]

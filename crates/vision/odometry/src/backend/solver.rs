@@ -225,9 +225,8 @@ fn cost(window: &Window, landmarks: &[&Landmark]) -> f64 {
 
 pub(crate) fn landmark_cost(window: &Window, landmark: &Landmark) -> f64 {
     let mut sum = 0.0;
-    let weights = [1.0, window.config.right_weight];
-    for_each_residual(window, landmark, |_, side, squared_residual| {
-        sum += weights[side] * huber(window.config.huber_sigma, squared_residual).1
+    for_each_residual(window, landmark, |_, _, squared_residual| {
+        sum += huber(window.config.huber_sigma, squared_residual).1
     });
     sum
 }

@@ -23,11 +23,6 @@ config! {
         /// Standard deviation of an observation, px. Compare Basalt `vio_obs_std_dev`. It weights
         /// images against the IMU.
         pub observation_sigma_px: f64 = 0.5,
-        /// Weight of an observation in the right image relative to one in the left image. A patch
-        /// is matched less accurately between the eyes than over time: its appearance differs, and
-        /// its errors remain as long as it is tracked. Too high makes paths too long or too short
-        /// by the mean error of disparities. Source: `cargo xtask bench odometry_scale`.
-        pub right_weight: f64 = 0.33,
         /// Threshold of the Huber loss, in standard deviations. Compare Basalt
         /// `vio_obs_huber_thresh`.
         pub huber_sigma: f64 = 1.5,
