@@ -77,13 +77,13 @@ fn check_causal_and_refined_accuracy(sequence: &Sequence) {
         let found = of.consistency.expect("covariances");
         println!("{found:?}");
         assert_eq!(found.silently_wrong, 0, "{found:?}");
-        // 3 is right. The stated sigmas of 12 s are larger than the errors, those of rotations by
-        // the constant that heading needs.
+        // 3 is right. The stated sigmas of 12 s are up to 9 times the errors: extrinsics and stereo
+        // calibrations are uncertain, those of this walk are exact.
         assert!(
             found.nees_translation < 6.0 && found.nees_rotation < 6.0,
             "{found:?}"
         );
-        assert!(found.sharpness_translation < 6.0, "{found:?}");
+        assert!(found.sharpness_translation < 12.0, "{found:?}");
         assert!(found.sharpness_rotation < 12.0, "{found:?}");
     }
 }
