@@ -81,9 +81,8 @@ mod devices;
 pub mod diff;
 pub(crate) mod file;
 mod loops;
-mod soles;
+mod shoes;
 pub(crate) mod table;
-mod tags;
 pub(crate) mod tolerance;
 mod tree;
 pub(crate) mod write;
@@ -91,8 +90,7 @@ pub(crate) mod write;
 pub use self::change::RigParts;
 pub use self::devices::same_serial;
 pub use self::loops::Closure;
-pub use self::soles::Sole;
-pub use self::tags::{Foot, ShoeTag, TagFamily};
+pub use self::shoes::{Foot, ShoeTag, Sole, TagFamily};
 
 /// The version of the file this crate reads.
 pub(crate) const RIG_FORMAT: i64 = 1;

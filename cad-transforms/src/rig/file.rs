@@ -9,7 +9,7 @@ use toml::de::{DeTable, DeValue};
 use super::table::{Log, Table, integer, list_of, not_toml, numbers, rows, table_of, text_of};
 use super::{
     CadSource, Edge, Problem, Problems, Provenance, ProvenanceKind, RIG_FORMAT, Rig, devices,
-    loops, soles, tags, tolerance, tree,
+    loops, shoes, tolerance, tree,
 };
 use crate::frame::Frame;
 use crate::transform::RigidTransform;
@@ -106,8 +106,8 @@ pub(super) fn read(text: &str) -> Parsed {
     let towards_rig = tree::check(&edges, &mut log);
     let cameras = devices::cameras(&root, &edges, &mut log);
     let closures = loops::closures(&root, &mut log);
-    let shoe_tags = tags::shoe_tags(&root, &mut log);
-    let soles = soles::soles(&root, &mut log);
+    let shoe_tags = shoes::shoe_tags(&root, &mut log);
+    let soles = shoes::soles(&root, &mut log);
 
     let lines = |places: Vec<&Range<usize>>| places.iter().map(|at| log.line(at)).collect();
     let edge_lines = lines(edges.iter().map(|(at, _)| at).collect());
