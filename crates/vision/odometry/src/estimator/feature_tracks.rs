@@ -117,7 +117,7 @@ pub fn estimate(
             triangulate_new(&mut window);
             preintegrate_again(&mut window, &propagator)?;
             if let (_, Some(covariance)) =
-                optimize_window(&mut window, config.backend.max_iterations)
+                optimize_window(&mut window, config.backend.max_iterations, true)
             {
                 joint = covariance;
             }
@@ -168,10 +168,10 @@ fn adjust(config: &Config, mut window: Window) -> Option<Vec<TrackPose>> {
         }
     }
     for _ in 0..2 {
-        optimize_window(&mut window, ADJUSTMENT_ITERATIONS);
+        optimize_window(&mut window, ADJUSTMENT_ITERATIONS, true);
         remove_outliers(&mut window);
     }
-    optimize_window(&mut window, ADJUSTMENT_ITERATIONS);
+    optimize_window(&mut window, ADJUSTMENT_ITERATIONS, true);
     let landmarks: Vec<&Landmark> = window.landmarks.values().collect();
     let information = linearize(&window, &landmarks, |_| true, 0.0).information;
     let covariance: DMatrix<f64> = information.cholesky()?.inverse();
