@@ -414,17 +414,14 @@ impl Odometry {
 
     /// Whether the tilt is known as well as it is going to be; without an IMU it always is.
     fn is_tilt_known(&self, time_ns: i64) -> bool {
-        let tilt_variance = || {
-            // In the world, z is the heading.
-            let covariance = self.keyframe_covariance.state();
-            let rotation = covariance.fixed_view::<3, 3>(ROTATION, ROTATION);
-            let up = self
-                .last
-                .map_or(Vector3::z(), |last| last.rotation.inverse() * Vector3::z());
-            rotation.trace() - (up.transpose() * rotation * up)[0]
-        };
-        self.is_imu_silent(time_ns)
-            || tilt_variance() <= self.config.backend.settled_tilt_sigma_rad.powi(2)
+        // In the world, z is the heading.
+        let covariance = self.keyframe_covariance.state();
+        let rotation = covariance.fixed_view::<3, 3>(ROTATION, ROTATION);
+        let up = |last: State| last.rotation.inverse() * Vector3::z();
+        let up = self.last.map_or(Vector3::z(), up);
+        let variance = rotation.trace() - (up.transpose() * rotation * up)[0];
+        let settled = self.config.backend.settled_tilt_sigma_rad.powi(2);
+        self.is_imu_silent(time_ns) || variance <= settled
     }
 
     /// Tracks all features into new images. The predictions follow from the last and the predicted
