@@ -6,7 +6,7 @@ use std::ops::Range;
 
 use toml::de::{DeTable, DeValue};
 
-use super::table::{Log, Table, integer, list_of, not_toml, numbers, rows, table_of, text_of};
+use super::table::{Log, Table, integer, not_toml, numbers, rows, table_of, text_of};
 use super::{
     CadSource, Edge, Problem, Problems, Provenance, ProvenanceKind, RIG_FORMAT, Rig, devices,
     loops, shoes, tolerance, tree,
@@ -203,26 +203,9 @@ fn cad_source(table: &Table<'_, '_>, log: &mut Log<'_>) -> Option<CadSource> {
 
 /// The entries that could be read, each with its place.
 fn edges(root: &Table<'_, '_>, log: &mut Log<'_>) -> Vec<(Range<usize>, Edge)> {
-    let entries = root.get(
-        "parent_from_child",
-        log,
-        list_of,
-        "entries [[parent_from_child]]",
-    );
     let mut edges = Vec::new();
-    for entry in entries.map(|(_, entries)| entries).unwrap_or_default() {
-        let Some(table) = entry.get_ref().as_table() else {
-            log.add(
-                entry.span(),
-                "parent_from_child holds something that is not a table".to_owned(),
-            );
-            continue;
-        };
-        let table = Table {
-            table,
-            at: entry.span(),
-            name: "[[parent_from_child]]",
-        };
+    let (name, expected) = ("[[parent_from_child]]", "entries [[parent_from_child]]");
+    for table in root.entries("parent_from_child", name, expected, log) {
         if let Some(edge) = edge(&table, log) {
             edges.push((table.at, edge));
         }

@@ -5,7 +5,7 @@ use std::ops::Range;
 use toml::de::DeValue;
 
 use super::file::transform;
-use super::table::{Log, Table, integer, list_of, numbers, positive, text_of};
+use super::table::{Log, Table, integer, numbers, positive, text_of};
 use super::tolerance::{self, Units, in_units};
 use crate::covariance::Covariance;
 use crate::transform::RigidTransform;
@@ -87,21 +87,7 @@ impl Foot {
 /// All entries that could be read.
 pub(super) fn shoe_tags(root: &Table<'_, '_>, log: &mut Log<'_>) -> Vec<ShoeTag> {
     let mut tags: Vec<(Range<usize>, ShoeTag)> = Vec::new();
-    if !root.table.contains_key("shoe_tag") {
-        return Vec::new();
-    }
-    let entries = root.get("shoe_tag", log, list_of, "entries [[shoe_tag]]");
-    for entry in entries.map(|(_, entries)| entries).unwrap_or_default() {
-        let Some(table) = entry.get_ref().as_table() else {
-            let message = "shoe_tag holds something that is not a table";
-            log.add(entry.span(), message.to_owned());
-            continue;
-        };
-        let table = Table {
-            table,
-            at: entry.span(),
-            name: "[[shoe_tag]]",
-        };
+    for table in root.optional_entries("shoe_tag", "[[shoe_tag]]", "entries [[shoe_tag]]", log) {
         let Some(tag) = shoe_tag(&table, log) else {
             continue;
         };
@@ -146,14 +132,8 @@ fn shoe_tag(table: &Table<'_, '_>, log: &mut Log<'_>) -> Option<ShoeTag> {
     let foot = one_of(table, "foot", &Foot::ALL.map(|f| (f.as_str(), f)), log);
     let size_m = table.get("size_m", log, positive, "a number above 0");
     let foot_from_tag = transform(table, log);
-    let problems = log.problems.len();
     let covariance = tolerance::covariance(table, log);
-    let has_sigma = SIZE_SIGMA
-        .iter()
-        .any(|(key, _)| table.table.contains_key(*key));
-    let size_sigma =
-        has_sigma.then(|| in_units(table, &SIZE_SIGMA, log, positive, "a number above 0", None));
-    let is_tolerance_wrong = log.problems.len() > problems;
+    let size_sigma_m = sigma(table, &SIZE_SIGMA, log);
     let id = table.get("id", log, integer, "an integer");
     let (family, (at, id)) = (family?, id?);
     let last = family.count() - 1;
@@ -162,18 +142,25 @@ fn shoe_tag(table: &Table<'_, '_>, log: &mut Log<'_>) -> Option<ShoeTag> {
         log.add(at, format!("id is {id}, family {family} has 0 to {last}"));
         return None;
     };
-    if is_tolerance_wrong {
-        return None;
-    }
     Some(ShoeTag {
         family,
         id,
         foot: foot?,
         size_m: size_m?.1,
         foot_from_tag: foot_from_tag?,
-        size_sigma_m: size_sigma.flatten().map(|(_, sigma)| sigma),
+        size_sigma_m,
         covariance,
     })
+}
+
+/// A tolerance in one of two units, where there is one.
+fn sigma(table: &Table<'_, '_>, units: &Units, log: &mut Log<'_>) -> Option<f64> {
+    let is_stated = units.iter().any(|(key, _)| table.table.contains_key(*key));
+    let read = |log| in_units(table, units, log, positive, "a number above 0", None);
+    is_stated
+        .then(|| read(log))
+        .flatten()
+        .map(|(_, sigma)| sigma)
 }
 
 /// The value whose name stands under `key`.
@@ -208,21 +195,7 @@ pub struct Sole {
 /// All entries that could be read.
 pub(super) fn soles(root: &Table<'_, '_>, log: &mut Log<'_>) -> Vec<Sole> {
     let mut soles: Vec<(Range<usize>, Sole)> = Vec::new();
-    if !root.table.contains_key("sole") {
-        return Vec::new();
-    }
-    let entries = root.get("sole", log, list_of, "entries [[sole]]");
-    for entry in entries.map(|(_, entries)| entries).unwrap_or_default() {
-        let Some(table) = entry.get_ref().as_table() else {
-            let message = "sole holds something that is not a table";
-            log.add(entry.span(), message.to_owned());
-            continue;
-        };
-        let table = Table {
-            table,
-            at: entry.span(),
-            name: "[[sole]]",
-        };
+    for table in root.optional_entries("sole", "[[sole]]", "entries [[sole]]", log) {
         let Some(sole) = sole(&table, log) else {
             continue;
         };
@@ -244,28 +217,12 @@ fn sole(table: &Table<'_, '_>, log: &mut Log<'_>) -> Option<Sole> {
     let foot = one_of(table, "foot", &Foot::ALL.map(|f| (f.as_str(), f)), log);
     let expected = "three or more pairs of numbers";
     let outline = table.get("outline_m", log, outline, expected);
-    let has_sigma = VERTEX_SIGMA
-        .iter()
-        .any(|(key, _)| table.table.contains_key(*key));
-    let sigma = has_sigma.then(|| {
-        in_units(
-            table,
-            &VERTEX_SIGMA,
-            log,
-            positive,
-            "a number above 0",
-            None,
-        )
-    });
+    let sigma_m = sigma(table, &VERTEX_SIGMA, log);
     let (foot, (at, outline_m)) = (foot?, outline?);
     if let Some(message) = objection(&outline_m) {
         log.add(at, message);
         return None;
     }
-    let sigma_m = match sigma {
-        None => None,
-        Some(found) => Some(found?.1),
-    };
     Some(Sole {
         foot,
         outline_m,
