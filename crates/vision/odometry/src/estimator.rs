@@ -29,7 +29,7 @@ use crate::backend::gyro_scale::GyroScale;
 use crate::backend::motion_factor;
 use crate::backend::newest_pose::{pose_by_calibrations, refine_newest};
 use crate::backend::observation::{Camera, CameraPose};
-use crate::backend::solver::optimize_window;
+use crate::backend::solver::{Damping, optimize_window};
 use crate::backend::state::{ROTATION, State};
 use crate::backend::stereo;
 use crate::backend::window::{Frame, MotionFactor, Window};
@@ -126,8 +126,7 @@ pub struct Odometry {
     odom_from_body: RigidTransform,
     /// Whether tracking is lost, until the window is reinitialized.
     is_lost: bool,
-    /// Whether the tilt has been known at some time.
-    has_settled: bool,
+    damping: Damping,
     /// Uncertainty of earlier resets that the covariance of the window does not contain.
     unmodeled: Option<ResetUncertainty>,
     camera_shifts: Vec<CameraShift>,
@@ -182,7 +181,7 @@ impl Odometry {
             odom_from_keyframe: RigidTransform::identity(),
             odom_from_body: RigidTransform::identity(),
             is_lost: false,
-            has_settled: false,
+            damping: Damping::UNSETTLED,
             unmodeled: None,
             camera_shifts: Vec::new(),
             number: 0,
@@ -319,11 +318,12 @@ impl Odometry {
         }
         let is_keyframe = self.is_keyframe(&window, is_tracked);
         let mut joint = None;
-        self.has_settled |=
-            self.number > self.config.backend.initial_frames && self.is_tilt_known(time_ns);
+        if self.number > self.config.backend.initial_frames && self.is_tilt_known(time_ns) {
+            self.damping = Damping::SETTLED;
+        }
         if is_keyframe || self.optimizes_every_frame(time_ns) {
             let rounds = self.config.backend.max_iterations;
-            joint = optimize_window(&mut window, rounds, self.has_settled).1;
+            joint = optimize_window(&mut window, rounds, self.damping).1;
         }
         let present = set.views.iter().flatten().count();
         let times = sigma_ratio(&self.config.estimator, inliers, present);

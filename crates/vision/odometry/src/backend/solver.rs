@@ -269,13 +269,28 @@ pub(crate) fn for_each_residual(
     }
 }
 
-/// Initial and minimum damping, relative to the diagonal. Landmarks determine relative poses a
-/// hundred thousand times better than the IMU does the whole window after a time without images, so
-/// that a damping of 1e-5 would hold it where it is.
-const DAMPING: [f64; 2] = [1e-8, 1e-10];
-/// The same while the tilt is not known yet: at rest nothing separates it from the accelerometer
-/// biases, and steps along both grow from frame to frame.
-const UNSETTLED_DAMPING: [f64; 2] = [1e-5, 1e-7];
+/// Damping of the steps of a window, relative to the diagonal.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Damping {
+    initial: f64,
+    min: f64,
+}
+
+impl Damping {
+    /// Landmarks determine relative poses a hundred thousand times better than the IMU does the
+    /// whole window after a time without images, so that a damping of 1e-5 would hold it where it
+    /// is.
+    pub(crate) const SETTLED: Self = Self {
+        initial: 1e-8,
+        min: 1e-10,
+    };
+    /// Until the tilt is known: at rest nothing separates it from the accelerometer biases, and
+    /// steps along both grow from frame to frame.
+    pub(crate) const UNSETTLED: Self = Self {
+        initial: 1e-5,
+        min: 1e-7,
+    };
+}
 
 /// Damping up to which a linear system gives the covariance.
 const MAX_COVARIANCE_DAMPING: f64 = 1e-4;
@@ -289,23 +304,18 @@ pub(crate) struct Solved {
     pub(crate) cost: [f64; 2],
 }
 
-/// Optimizes a window in at most `rounds` iterations; `is_settled` if its tilt is known. Also
-/// returns the covariance of the error of
+/// Optimizes a window in at most `rounds` iterations. Also returns the covariance of the error of
 /// the newest state and the calibrations, if it exists.
 pub(crate) fn optimize_window(
     window: &mut Window,
     rounds: usize,
-    is_settled: bool,
+    bounds: Damping,
 ) -> (Solved, Option<NewestCovariance>) {
-    let [initial_damping, min_damping] = match is_settled {
-        true => DAMPING,
-        false => UNSETTLED_DAMPING,
-    };
     let mut solved = Solved {
         rounds: 0,
         cost: [0.0; 2],
     };
-    let mut damping = initial_damping;
+    let mut damping = bounds.initial;
     let mut latest = None;
     let mut before: Option<f64> = None;
     for round in 0..rounds {
@@ -343,7 +353,7 @@ pub(crate) fn optimize_window(
             *window = moved;
             before = Some(after);
             solved.cost[1] = after;
-            damping = (damping * 0.1).max(min_damping);
+            damping = (damping * 0.1).max(bounds.min);
             if gained < window.config.convergence_ratio * now.max(1.0) || step.amax() < 1e-6 {
                 break;
             }
