@@ -10,7 +10,7 @@ use cad_transforms::RigidTransform;
 use camera_models::{CameraModel, Lens};
 use harness::data;
 use harness::sequences::{self, Sequence, WalkSettings, walk};
-use harness::tracking::{self, drive, still, track};
+use harness::tracking::{self, Refined, drive, still, track};
 use nalgebra::Vector3;
 use odometry::keyframe::StereoObservation;
 use odometry::mapping::RefinedExtrinsics;
@@ -302,7 +302,13 @@ fn right_eyes_rotated_about_y_are_estimated_and_reported() {
     let folder = tempfile::tempdir().expect("folder");
     let exact = exact.cached(folder.path()).expect("images");
     for change in [principal_points_2_px_wrong, baselines_3_percent_wrong] {
-        check_wrong_right_eyes_give_no_silently_wrong_pose(exact.clone(), change);
+        let sequence = exact.clone().with_nominal_rig(|rig| {
+            for camera in &mut rig.cameras {
+                change(camera);
+                camera.right_from_left_covariance = None;
+            }
+        });
+        check_causal_and_refined_poses(&sequence, 4.0);
     }
     let sequence = exact.with_nominal_rig(|rig| {
         for (camera, angle) in rig.cameras.iter_mut().zip(angles) {
@@ -311,16 +317,8 @@ fn right_eyes_rotated_about_y_are_estimated_and_reported() {
             camera.right_from_left_covariance = None;
         }
     });
-    let truth = tracking::truth(&sequence).expect("rising times");
-    let tracking = track(&sequence, balanced(), true).expect("poses");
-    let causal = evaluated(tracking.causal(), &truth);
-    let refined = tracking.refine().expect("poses").expect("with mapping");
-    for of in [causal, evaluated(&refined.trajectory, &truth)] {
-        let consistency = of.consistency.as_ref().expect("covariances");
-        assert_eq!(consistency.silently_wrong, 0, "{consistency:?}");
-        // Without an estimate distances of 10 m are 30 % wrong.
-        assert!(percent(&of) < 2.0, "{}", percent(&of));
-    }
+    // Without an estimate distances of 10 m are 30 % wrong.
+    let refined = check_causal_and_refined_poses(&sequence, 2.0);
     for (stereo, angle) in refined.stereo.iter().zip(angles) {
         let (error, sigma) = (stereo.error[1], stereo.sigmas()[1]);
         println!("{error} rad, sigma {sigma} rad, truth {}", -angle);
@@ -341,26 +339,52 @@ fn baselines_3_percent_wrong(camera: &mut StereoCamera) {
         RigidTransform::from_wxyz(exact.rotation_wxyz(), longer).expect("finite");
 }
 
-fn check_wrong_right_eyes_give_no_silently_wrong_pose(
-    exact: Sequence,
-    change: fn(&mut StereoCamera),
-) {
-    let sequence = exact.with_nominal_rig(|rig| {
-        for camera in &mut rig.cameras {
-            change(camera);
-            camera.right_from_left_covariance = None;
-        }
-    });
-    let truth = tracking::truth(&sequence).expect("rising times");
-    let tracking = track(&sequence, balanced(), true).expect("poses");
+/// No pose is silently wrong; the root mean square error is less than a share of the path.
+fn check_causal_and_refined_poses(sequence: &Sequence, max_percent: f64) -> Refined {
+    let truth = tracking::truth(sequence).expect("rising times");
+    let tracking = track(sequence, balanced(), true).expect("poses");
     let causal = evaluated(tracking.causal(), &truth);
     let refined = tracking.refine().expect("poses").expect("with mapping");
     for of in [causal, evaluated(&refined.trajectory, &truth)] {
         let consistency = of.consistency.as_ref().expect("covariances");
         println!("{:.3} %, {consistency:?}", percent(&of));
         assert_eq!(consistency.silently_wrong, 0, "{consistency:?}");
-        assert!(percent(&of) < 4.0, "{}", percent(&of));
+        assert!(percent(&of) < max_percent, "{}", percent(&of));
     }
+    refined
+}
+
+/// The rig stands for the first 0.8 s. With little damping of the window, tilt and accelerometer
+/// biases of a rig whose cameras are not mounted as calibrated grew together, by tens of degrees.
+#[test]
+fn tilt_of_a_rig_at_rest_remains() {
+    let settings = WalkSettings {
+        quality: Quality::FAST,
+        ..WalkSettings::new(Kind::Room, Lighting::Day, 81, 20.0)
+    };
+    let sequence = walk(&settings).expect("a walk").first(14);
+    let turns = [
+        [2e-3, 1e-3, -1e-3],
+        [-1e-3, 2e-3, 1e-3],
+        [1e-3, -2e-3, 2e-3],
+    ];
+    let sequence = sequence.with_nominal_rig(|rig| {
+        for (camera, turn) in rig.cameras.iter_mut().zip(turns) {
+            let turn = RigidTransform::from_rotation_vector(turn, [0.0; 3]).expect("finite");
+            camera.rig_from_left = camera.rig_from_left * turn;
+        }
+    });
+    let truth = tracking::truth(&sequence).expect("rising times");
+    let tracking = track(&sequence, balanced(), false).expect("poses");
+    let poses = tracking.causal().poses().iter().zip(truth.poses());
+    let offsets = poses.map(|(pose, truth)| pose.world_from_rig * truth.world_from_rig.inverse());
+    let offsets: Vec<RigidTransform> = offsets.collect();
+    let turned_deg = offsets
+        .iter()
+        .map(|offset| (offsets[0].inverse() * *offset).angle_rad().to_degrees());
+    let turned_deg = turned_deg.fold(0.0, f64::max);
+    println!("{turned_deg} degrees");
+    assert!(turned_deg < 1.0, "{turned_deg}");
 }
 
 /// One camera without IMU, whose stereo calibration is exact: the scale is that of its disparities,
