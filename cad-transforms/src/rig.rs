@@ -48,6 +48,14 @@
 //! size_m = 0.06            # side of the black square
 //! rotation_wxyz = [0, 0.707106781186548, -0.707106781186548, 0]   # foot_from_tag
 //! translation_m = [0.08, 0.0, 0.075]       # middle of the tag, in the foot
+//! sigma_size_m = 0.0003                    # optional tolerance of the size; or _mm
+//! sigma_translation_m = 0.003              # optional tolerance of the placement, as of a joint
+//! sigma_rotation_rad = 0.03
+//!
+//! [[sole]]                 # one for each foot, or none
+//! foot = "left_foot"
+//! outline_m = [[0.15, 0.0], [0.1, 0.045], [-0.13, 0.04], [-0.13, -0.04], [0.1, -0.045]]
+//! sigma_m = 0.003          # optional tolerance of a vertex; or _mm
 //! ```
 //!
 //! A tolerance is a standard deviation, or the covariance, of a small motion of the child in the
@@ -56,7 +64,8 @@
 //!
 //! The frame of a foot has its origin in the middle of the shoe's sole, x to the toe, y to the
 //! left, z up from the sole. That of a tag has its origin in its middle, x to the right, y down and
-//! z into the tag, for a reader who sees it upright. Feet move, and are no frames of the tree.
+//! z into the tag, for a reader who sees it upright. Feet move, and are no frames of the tree. The
+//! outline of a sole goes counter-clockwise around its middle, seen from above.
 
 use std::collections::BTreeMap;
 use std::fmt;
@@ -72,8 +81,8 @@ mod devices;
 pub mod diff;
 pub(crate) mod file;
 mod loops;
+mod shoes;
 pub(crate) mod table;
-mod tags;
 pub(crate) mod tolerance;
 mod tree;
 pub(crate) mod write;
@@ -81,7 +90,7 @@ pub(crate) mod write;
 pub use self::change::RigParts;
 pub use self::devices::same_serial;
 pub use self::loops::Closure;
-pub use self::tags::{Foot, ShoeTag, TagFamily};
+pub use self::shoes::{Foot, ShoeTag, Sole, TagFamily};
 
 /// The version of the file this crate reads.
 pub(crate) const RIG_FORMAT: i64 = 1;
@@ -101,6 +110,7 @@ pub struct Rig {
     /// For every frame but `rig`: its neighbour on the path to `rig`.
     towards_rig: BTreeMap<Frame, Step>,
     shoe_tags: Vec<ShoeTag>,
+    soles: Vec<Sole>,
 }
 
 /// One entry of the file.
@@ -309,6 +319,11 @@ impl Rig {
     /// The tags on the wearer's shoes, in the order of the file.
     pub fn shoe_tags(&self) -> &[ShoeTag] {
         &self.shoe_tags
+    }
+
+    /// Outlines of the soles of the wearer's shoes, in the order of the file.
+    pub fn soles(&self) -> &[Sole] {
+        &self.soles
     }
 
     /// What the file says of the cameras as devices, in the order of the file.

@@ -234,6 +234,7 @@ mod tests {
             }],
             closures: Vec::new(),
             shoe_tags: Vec::new(),
+            soles: Vec::new(),
         });
         let chest = FrameTransform {
             timestamp: None,

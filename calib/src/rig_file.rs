@@ -137,6 +137,7 @@ pub(super) fn first(joints: &[Joint], verb: &str, frame: &str, manifest: &Manife
         edges,
         closures: Vec::new(),
         shoe_tags: Vec::new(),
+        soles: Vec::new(),
     };
     Rig::from_parts(parts).context("making a rig file of the estimates")
 }

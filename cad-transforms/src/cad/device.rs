@@ -13,7 +13,7 @@
 use toml::de::{DeTable, DeValue};
 
 use crate::covariance::Covariance;
-use crate::rig::table::{Log, Table, list_of, not_toml, numbers, positive, text_of};
+use crate::rig::table::{Log, Table, not_toml, numbers, positive, text_of};
 use crate::rig::{Problem, tolerance};
 use crate::transform::RigidTransform;
 
@@ -112,29 +112,10 @@ pub fn parse(text: &str) -> Result<Vec<Device>, Vec<Problem>> {
 
 /// All entries `[[device]]` that could be read.
 pub(super) fn devices(root: &Table<'_, '_>, log: &mut Log<'_>) -> Vec<Device> {
-    if !root.table.contains_key("device") {
-        return Vec::new();
-    }
-    let entries = root.get("device", log, list_of, "entries [[device]]");
-    let entries = entries.map(|(_, entries)| entries).unwrap_or_default();
-    let mut devices = Vec::new();
-    for entry in entries {
-        match entry.get_ref().as_table() {
-            Some(table) => {
-                let table = Table {
-                    table,
-                    at: entry.span(),
-                    name: "[[device]]",
-                };
-                devices.extend(device(&table, log));
-            }
-            None => log.add(
-                entry.span(),
-                "device holds something that is not a table".to_owned(),
-            ),
-        }
-    }
-    devices
+    let entries = root.optional_entries("device", "[[device]]", "entries [[device]]", log);
+    (entries.iter())
+        .filter_map(|table| device(table, log))
+        .collect()
 }
 
 fn device(table: &Table<'_, '_>, log: &mut Log<'_>) -> Option<Device> {

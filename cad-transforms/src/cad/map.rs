@@ -46,7 +46,7 @@ use super::{Cad, Part};
 use crate::covariance::Covariance;
 use crate::frame::{Frame, FramePart};
 use crate::rig::file::frame;
-use crate::rig::table::{Log, Table, integer, list_of, not_toml, positive, table_of, text_of};
+use crate::rig::table::{Log, Table, integer, not_toml, positive, table_of, text_of};
 use crate::rig::tolerance;
 use crate::rig::{
     CadSource, CameraInfo, Edge, Problem, Problems, Provenance, ProvenanceKind, Rig, RigError,
@@ -204,6 +204,7 @@ impl Map {
             edges,
             closures: Vec::new(),
             shoe_tags: Vec::new(),
+            soles: Vec::new(),
         })?)
     }
 
@@ -307,6 +308,7 @@ pub fn rig_of_frames(cad: &Cad, name: &str, source: CadSource) -> Result<Rig, Ma
         edges: edges.collect(),
         closures: Vec::new(),
         shoe_tags: Vec::new(),
+        soles: Vec::new(),
     })?)
 }
 
@@ -348,7 +350,7 @@ fn read(root: &Table<'_, '_>, log: &mut Log<'_>) -> Option<Map> {
     let rig_from_root = inner_placement(root, "rig_from_root", "[rig_from_root]", log);
     let devices = devices(root, log);
     let mut cameras: Vec<MappedCamera> = Vec::new();
-    for table in entries(root, "camera", "[[camera]]", log) {
+    for table in root.optional_entries("camera", "[[camera]]", "a list of tables", log) {
         let Some(camera) = camera(&table, &devices, log) else {
             continue;
         };
@@ -359,7 +361,7 @@ fn read(root: &Table<'_, '_>, log: &mut Log<'_>) -> Option<Map> {
         cameras.push(camera);
     }
     let mut frames = Vec::new();
-    for table in entries(root, "frame", "[[frame]]", log) {
+    for table in root.optional_entries("frame", "[[frame]]", "a list of tables", log) {
         table.refuse_unknown(&["frame", "part"], log);
         let frame = frame(&table, "frame", log);
         let part = table.get("part", log, text_of, "the path of a part");
@@ -467,35 +469,6 @@ fn inner_placement(
     };
     inner.refuse_unknown(&PLACEMENT_KEYS, log);
     placement(&inner, log)
-}
-
-/// The tables of a list.
-fn entries<'a, 'i>(
-    root: &Table<'a, 'i>,
-    key: &'static str,
-    name: &'static str,
-    log: &mut Log<'_>,
-) -> Vec<Table<'a, 'i>> {
-    if !root.table.contains_key(key) {
-        return Vec::new();
-    }
-    let list = root.get(key, log, list_of, "a list of tables");
-    let list = list.map(|(_, list)| list).unwrap_or_default();
-    let mut tables = Vec::new();
-    for entry in list {
-        match entry.get_ref().as_table() {
-            Some(table) => tables.push(Table {
-                table,
-                at: entry.span(),
-                name,
-            }),
-            None => log.add(
-                entry.span(),
-                format!("{key} holds something that is not a table"),
-            ),
-        }
-    }
-    tables
 }
 
 #[cfg(test)]

@@ -27,7 +27,7 @@ use toml::de::{DeTable, DeValue};
 
 use super::{Cad, Fault, Part};
 use crate::cad::urdf::from_rpy;
-use crate::rig::table::{Log, Table, list_of, not_toml, numbers, rows, text_of};
+use crate::rig::table::{Log, Table, not_toml, numbers, rows, text_of};
 use crate::transform::{RigidTransform, TransformError};
 
 /// Metres in an inch.
@@ -321,21 +321,8 @@ pub(crate) fn parts_of_toml(text: &str) -> Result<Cad, Vec<Fault>> {
         name: "the table",
     };
     root.refuse_unknown(&["part"], &mut log);
-    let entries = root.get("part", &mut log, list_of, "entries [[part]]");
     let mut table = Vec::new();
-    for entry in entries.map(|(_, entries)| entries).unwrap_or_default() {
-        let Some(part) = entry.get_ref().as_table() else {
-            log.add(
-                entry.span(),
-                "part holds something that is not a table".to_owned(),
-            );
-            continue;
-        };
-        let part = Table {
-            table: part,
-            at: entry.span(),
-            name: "[[part]]",
-        };
+    for part in root.entries("part", "[[part]]", "entries [[part]]", &mut log) {
         let known: Vec<&str> = ["name", "parent"]
             .into_iter()
             .chain(PLACEMENT_KEYS)

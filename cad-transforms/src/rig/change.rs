@@ -1,8 +1,8 @@
 //! Rigs made by programs: from parts, or from another rig by an exchange.
 
 use super::{
-    CameraInfo, Closure, Edge, Problem, Problems, Provenance, Rig, RigError, ShoeTag, file, loops,
-    tree,
+    CameraInfo, Closure, Edge, Problem, Problems, Provenance, Rig, RigError, ShoeTag, Sole, file,
+    loops, tree,
 };
 use crate::covariance::Covariance;
 use crate::frame::Frame;
@@ -25,6 +25,8 @@ pub struct RigParts {
     pub closures: Vec<Closure>,
     /// Tags on the wearer's shoes.
     pub shoe_tags: Vec<ShoeTag>,
+    /// Outlines of the soles of the wearer's shoes.
+    pub soles: Vec<Sole>,
 }
 
 impl Rig {
@@ -54,6 +56,7 @@ impl Rig {
             edges: self.edges.clone(),
             closures: self.closures.clone(),
             shoe_tags: self.shoe_tags.clone(),
+            soles: self.soles.clone(),
         }
     }
 

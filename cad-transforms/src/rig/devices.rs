@@ -4,7 +4,7 @@ use std::ops::Range;
 
 use toml::de::DeValue;
 
-use super::table::{Log, Table, integer, list_of, text_of};
+use super::table::{Log, Table, integer, text_of};
 use super::{CameraInfo, Edge};
 
 /// Whether two serial numbers are of one device: they may be written with or without `SN` and
@@ -25,21 +25,7 @@ pub(super) fn cameras(
     log: &mut Log<'_>,
 ) -> Vec<(Range<usize>, CameraInfo)> {
     let mut cameras: Vec<(Range<usize>, CameraInfo)> = Vec::new();
-    if !root.table.contains_key("camera") {
-        return cameras;
-    }
-    let entries = root.get("camera", log, list_of, "entries [[camera]]");
-    for entry in entries.map(|(_, entries)| entries).unwrap_or_default() {
-        let Some(table) = entry.get_ref().as_table() else {
-            let message = "camera holds something that is not a table";
-            log.add(entry.span(), message.to_owned());
-            continue;
-        };
-        let table = Table {
-            table,
-            at: entry.span(),
-            name: "[[camera]]",
-        };
+    for table in root.optional_entries("camera", "[[camera]]", "entries [[camera]]", log) {
         table.refuse_unknown(&["name", "serial", "model"], log);
         let name = table.get("name", log, text_of, "the name of a camera");
         let has = |key: &str| table.table.contains_key(key);

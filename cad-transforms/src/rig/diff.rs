@@ -9,7 +9,7 @@
 //! differ by rounding are the same, see [`ROUNDING`]; so are files that say the same in another
 //! order, in other units or from the other end of a joint.
 
-use super::{Closure, Rig, ShoeTag, Step, same_serial};
+use super::{Closure, Rig, ShoeTag, Sole, Step, same_serial};
 use crate::covariance::Covariance;
 use crate::frame::Frame;
 use crate::transform::RigidTransform;
@@ -181,6 +181,12 @@ pub fn other_changes(a: &Rig, b: &Rig) -> Vec<String> {
         tag_changes,
         &mut words,
     );
+    listed(
+        (&a.soles, &b.soles),
+        |sole| format!("sole of {}", sole.foot.as_str()),
+        sole_changes,
+        &mut words,
+    );
     words
 }
 
@@ -283,10 +289,23 @@ fn tag_changes(was: &ShoeTag, is: &ShoeTag) -> Vec<String> {
         (feet[0] != feet[1]).then(|| format!("on {}, then on {}", feet[0], feet[1])),
         number("size", 1e3 * was.size_m, 1e3 * is.size_m, "mm"),
         moved_by(&was.foot_from_tag, &is.foot_from_tag),
+        (was.size_sigma_m != is.size_sigma_m || was.covariance != is.covariance)
+            .then(|| "tolerance changed".to_owned()),
     ]
     .into_iter()
     .flatten()
     .collect()
+}
+
+fn sole_changes(was: &Sole, is: &Sole) -> Vec<String> {
+    let mut words = Vec::new();
+    if was.outline_m != is.outline_m {
+        words.push("outline changed".to_owned());
+    }
+    if was.sigma_m != is.sigma_m {
+        words.push("tolerance changed".to_owned());
+    }
+    words
 }
 
 fn number(what: &str, was: f64, is: f64, unit: &str) -> Option<String> {

@@ -6,10 +6,10 @@ use std::ops::Range;
 
 use toml::de::{DeTable, DeValue};
 
-use super::table::{Log, Table, integer, list_of, not_toml, numbers, rows, table_of, text_of};
+use super::table::{Log, Table, integer, not_toml, numbers, rows, table_of, text_of};
 use super::{
     CadSource, Edge, Problem, Problems, Provenance, ProvenanceKind, RIG_FORMAT, Rig, devices,
-    loops, tags, tolerance, tree,
+    loops, shoes, tolerance, tree,
 };
 use crate::frame::Frame;
 use crate::transform::RigidTransform;
@@ -49,6 +49,7 @@ impl Parsed {
                 closures: Vec::new(),
                 towards_rig: BTreeMap::new(),
                 shoe_tags: Vec::new(),
+                soles: Vec::new(),
             },
             edge_lines: Vec::new(),
             camera_lines: Vec::new(),
@@ -80,6 +81,7 @@ pub(super) fn read(text: &str) -> Parsed {
             "provenance",
             "parent_from_child",
             "shoe_tag",
+            "sole",
             "camera",
             "closes_loop",
         ],
@@ -104,7 +106,8 @@ pub(super) fn read(text: &str) -> Parsed {
     let towards_rig = tree::check(&edges, &mut log);
     let cameras = devices::cameras(&root, &edges, &mut log);
     let closures = loops::closures(&root, &mut log);
-    let shoe_tags = tags::shoe_tags(&root, &mut log);
+    let shoe_tags = shoes::shoe_tags(&root, &mut log);
+    let soles = shoes::soles(&root, &mut log);
 
     let lines = |places: Vec<&Range<usize>>| places.iter().map(|at| log.line(at)).collect();
     let edge_lines = lines(edges.iter().map(|(at, _)| at).collect());
@@ -120,6 +123,7 @@ pub(super) fn read(text: &str) -> Parsed {
         closures: Vec::new(),
         towards_rig,
         shoe_tags,
+        soles,
     };
     for (at, closure) in closures {
         if let Some(message) = loops::objection(&rig, &closure) {
@@ -199,26 +203,9 @@ fn cad_source(table: &Table<'_, '_>, log: &mut Log<'_>) -> Option<CadSource> {
 
 /// The entries that could be read, each with its place.
 fn edges(root: &Table<'_, '_>, log: &mut Log<'_>) -> Vec<(Range<usize>, Edge)> {
-    let entries = root.get(
-        "parent_from_child",
-        log,
-        list_of,
-        "entries [[parent_from_child]]",
-    );
     let mut edges = Vec::new();
-    for entry in entries.map(|(_, entries)| entries).unwrap_or_default() {
-        let Some(table) = entry.get_ref().as_table() else {
-            log.add(
-                entry.span(),
-                "parent_from_child holds something that is not a table".to_owned(),
-            );
-            continue;
-        };
-        let table = Table {
-            table,
-            at: entry.span(),
-            name: "[[parent_from_child]]",
-        };
+    let (name, expected) = ("[[parent_from_child]]", "entries [[parent_from_child]]");
+    for table in root.entries("parent_from_child", name, expected, log) {
         if let Some(edge) = edge(&table, log) {
             edges.push((table.at, edge));
         }

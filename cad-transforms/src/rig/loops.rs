@@ -3,7 +3,7 @@
 use std::ops::Range;
 
 use super::file::{frame, transform};
-use super::table::{Log, Table, list_of, positive};
+use super::table::{Log, Table, positive};
 use super::tolerance::{Units, in_units};
 use super::{Problem, Rig};
 use crate::frame::Frame;
@@ -43,23 +43,9 @@ const WITHIN_RAD: Units = [
 
 /// All entries that could be read.
 pub(super) fn closures(root: &Table<'_, '_>, log: &mut Log<'_>) -> Vec<(Range<usize>, Closure)> {
-    if !root.table.contains_key("closes_loop") {
-        return Vec::new();
-    }
-    let entries = root.get("closes_loop", log, list_of, "entries [[closes_loop]]");
-    let entries = entries.map(|(_, entries)| entries).unwrap_or_default();
     let mut closures = Vec::new();
-    for entry in entries {
-        let Some(table) = entry.get_ref().as_table() else {
-            let message = "closes_loop holds something that is not a table";
-            log.add(entry.span(), message.to_owned());
-            continue;
-        };
-        let table = Table {
-            table,
-            at: entry.span(),
-            name: "[[closes_loop]]",
-        };
+    let name = "[[closes_loop]]";
+    for table in root.optional_entries("closes_loop", name, "entries [[closes_loop]]", log) {
         if let Some(closure) = closure(&table, log) {
             closures.push((table.at, closure));
         }

@@ -103,6 +103,40 @@ impl<'a, 'i> Table<'a, 'i> {
         self.get_list(key, log, read, expected, None)
     }
 
+    /// As [`Self::entries`], where the key may be absent.
+    pub(crate) fn optional_entries(
+        &self,
+        key: &str,
+        name: &'static str,
+        expected: &str,
+        log: &mut Log<'_>,
+    ) -> Vec<Table<'a, 'i>> {
+        match self.table.contains_key(key) {
+            true => self.entries(key, name, expected, log),
+            false => Vec::new(),
+        }
+    }
+
+    /// The tables of the list under `key`, or problems; `name` is theirs in messages.
+    pub(crate) fn entries(
+        &self,
+        key: &str,
+        name: &'static str,
+        expected: &str,
+        log: &mut Log<'_>,
+    ) -> Vec<Table<'a, 'i>> {
+        let list = self.get(key, log, list_of, expected);
+        let mut tables = Vec::new();
+        for entry in list.map(|(_, list)| list).unwrap_or_default() {
+            let at = entry.span();
+            match entry.get_ref().as_table() {
+                Some(table) => tables.push(Table { table, at, name }),
+                None => log.add(at, format!("{key} holds something that is not a table")),
+            }
+        }
+        tables
+    }
+
     /// As [`Self::get`], for a list of `count` numbers, or of such lists.
     pub(crate) fn get_list<T>(
         &self,
@@ -178,7 +212,7 @@ pub(crate) fn table_of<'a, 'i>(value: &'a DeValue<'i>) -> Option<&'a DeTable<'i>
     value.as_table()
 }
 
-pub(crate) fn list_of<'a, 'i>(value: &'a DeValue<'i>) -> Option<Vec<&'a Spanned<DeValue<'i>>>> {
+fn list_of<'a, 'i>(value: &'a DeValue<'i>) -> Option<Vec<&'a Spanned<DeValue<'i>>>> {
     value
         .as_array()
         .filter(|list| !list.is_empty())

@@ -371,3 +371,67 @@ fn tags_on_shoes_are_checked() {
 }
 
 mod written;
+
+#[test]
+fn tolerances_of_tags_and_soles_are_read_and_written_back() {
+    let text = file(&[("rig", "a/left", PLAIN)])
+        + "[[shoe_tag]]\nfamily = \"36h11\"\nid = 3\nfoot = \"left_foot\"\nsize_m = 0.08\n\
+           sigma_size_mm = 0.3\nsigma_translation_mm = [2, 3, 1]\nsigma_rotation_deg = 2\n"
+        + PLAIN
+        + "\n[[sole]]\nfoot = \"left_foot\"\nsigma_mm = 3\n\
+           outline_m = [[0.15, 0], [0.1, 0.045], [-0.13, 0.04], [-0.13, -0.04]]\n";
+    let rig = Rig::parse(&text).unwrap();
+    let (tag, sole) = (&rig.shoe_tags()[0], &rig.soles()[0]);
+    assert_eq!(tag.size_sigma_m, Some(0.3 * 1e-3));
+    assert_eq!(tag.covariance.unwrap().sigmas()[1], 3.0 * 1e-3);
+    assert_eq!((sole.foot, sole.sigma_m), (Foot::Left, Some(3.0 * 1e-3)));
+    assert_eq!(sole.outline_m[1], [0.1, 0.045]);
+    assert_eq!(Rig::parse(&rig.to_toml()).unwrap(), rig);
+
+    for (from, to, expected) in [
+        (
+            "sigma_mm = 3",
+            "sigma_mm = 0",
+            "sigma_mm in [[sole]] is not a number above 0",
+        ),
+        (
+            "sigma_size_mm",
+            "sigma_size_m = 0\nsigma_size_mm",
+            "both sigma_size_m and sigma_size_mm",
+        ),
+        (
+            "[[0.15, 0], ",
+            "[[1.5, 0], ",
+            "vertex 0 of outline_m in [[sole]] is 1.5 m from the middle",
+        ),
+        (
+            "0.04], [-0.13, -0.04]]",
+            "0.04]]",
+            "does not go counter-clockwise",
+        ),
+        (
+            ", [0.1, 0.045], [-0.13, 0.04], [-0.13, -0.04]]",
+            "]",
+            "three or more pairs of numbers",
+        ),
+        (
+            "[[sole]]\nfoot = \"left_foot\"",
+            "[[sole]]\nfoot = \"foot\"",
+            "foot is \"foot\"",
+        ),
+    ] {
+        assert!(text.contains(from), "{from}");
+        let found = problems(&text.replacen(from, to, 1));
+        assert!(
+            found.iter().any(|p| p.contains(expected)),
+            "{to}: {found:?}"
+        );
+    }
+    let sole = &text[text.find("[[sole]]").unwrap()..];
+    let found = problems(&(text.clone() + sole));
+    assert_eq!(found.len(), 1, "{found:?}");
+    assert!(
+        found[0].contains("left_foot has a sole already, on line"),
+        "{found:?}"
+    );
+}

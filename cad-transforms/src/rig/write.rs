@@ -3,7 +3,7 @@
 use std::fmt::Write as _;
 use std::path::Path;
 
-use super::{Edge, RIG_FORMAT, Rig, RigError, RigParts};
+use super::{RIG_FORMAT, Rig, RigError, RigParts};
 use crate::covariance::Covariance;
 use crate::output::{self, Existing};
 use crate::transform::RigidTransform;
@@ -69,7 +69,7 @@ pub(super) fn text(parts: &RigParts) -> String {
         put!(out, "parent = {}", quoted(edge.parent.as_str()));
         put!(out, "child = {}", quoted(edge.child.as_str()));
         transform(&mut out, &edge.parent_from_child);
-        tolerance(&mut out, edge);
+        tolerance(&mut out, edge.covariance.as_ref());
     }
     for closure in &parts.closures {
         put!(out, "\n[[closes_loop]]");
@@ -86,6 +86,19 @@ pub(super) fn text(parts: &RigParts) -> String {
         put!(out, "foot = {}", quoted(tag.foot.as_str()));
         put!(out, "size_m = {:?}", tag.size_m);
         transform(&mut out, &tag.foot_from_tag);
+        if let Some(sigma_m) = tag.size_sigma_m {
+            put!(out, "sigma_size_m = {sigma_m:?}");
+        }
+        tolerance(&mut out, tag.covariance.as_ref());
+    }
+    for sole in &parts.soles {
+        put!(out, "\n[[sole]]");
+        put!(out, "foot = {}", quoted(sole.foot.as_str()));
+        let vertices: Vec<String> = sole.outline_m.iter().map(|at| list(at)).collect();
+        put!(out, "outline_m = [{}]", vertices.join(", "));
+        if let Some(sigma_m) = sole.sigma_m {
+            put!(out, "sigma_m = {sigma_m:?}");
+        }
     }
     out
 }
@@ -95,8 +108,8 @@ fn transform(out: &mut String, transform: &RigidTransform) {
     put!(out, "translation_m = {}", list(&transform.translation_m()));
 }
 
-fn tolerance(out: &mut String, edge: &Edge) {
-    let Some(covariance) = &edge.covariance else {
+fn tolerance(out: &mut String, covariance: Option<&Covariance>) {
+    let Some(covariance) = covariance else {
         return;
     };
     let sigmas = covariance.sigmas();

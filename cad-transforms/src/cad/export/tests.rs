@@ -100,6 +100,7 @@ proptest! {
             edges: edges.collect(),
             closures: Vec::new(),
             shoe_tags: Vec::new(),
+            soles: Vec::new(),
         })
         .unwrap();
         goes_round(&rig);

@@ -26,7 +26,7 @@ use std::fmt::Write as _;
 
 use cad_transforms::RigidTransform;
 use cad_transforms::frame::{Frame, FramePart};
-use cad_transforms::rig::{Foot, Rig, TagFamily};
+use cad_transforms::rig::{Rig, TagFamily};
 use camera_models::CameraModel;
 use nalgebra::Vector3;
 use serde::Deserialize;
@@ -304,13 +304,7 @@ pub(crate) fn true_rig_toml(nominal: &Rig, true_pose: &TruePose<'_>) -> String {
         );
     }
     for tag in nominal.shoe_tags() {
-        let (TagFamily::Tag36h11, foot) = (
-            tag.family,
-            match tag.foot {
-                Foot::Left => "left_foot",
-                Foot::Right => "right_foot",
-            },
-        );
+        let (TagFamily::Tag36h11, foot) = (tag.family, tag.foot.as_str());
         let _ = write!(
             text,
             "\n[[shoe_tag]]\nfamily = \"36h11\"\nid = {}\nfoot = {foot:?}\nsize_m = {:?}\n\
@@ -319,6 +313,13 @@ pub(crate) fn true_rig_toml(nominal: &Rig, true_pose: &TruePose<'_>) -> String {
             tag.size_m,
             tag.foot_from_tag.rotation_wxyz(),
             tag.foot_from_tag.translation_m(),
+        );
+    }
+    for sole in nominal.soles() {
+        let (foot, outline_m) = (sole.foot.as_str(), &sole.outline_m);
+        let _ = write!(
+            text,
+            "\n[[sole]]\nfoot = {foot:?}\noutline_m = {outline_m:?}\n"
         );
     }
     text

@@ -29,7 +29,7 @@ use crate::backend::gyro_scale::GyroScale;
 use crate::backend::motion_factor;
 use crate::backend::newest_pose::{pose_by_calibrations, refine_newest};
 use crate::backend::observation::{Camera, CameraPose};
-use crate::backend::solver::optimize_window;
+use crate::backend::solver::{Damping, optimize_window};
 use crate::backend::state::{ROTATION, State};
 use crate::backend::stereo;
 use crate::backend::window::{Frame, MotionFactor, Window};
@@ -126,6 +126,7 @@ pub struct Odometry {
     odom_from_body: RigidTransform,
     /// Whether tracking is lost, until the window is reinitialized.
     is_lost: bool,
+    damping: Damping,
     /// Uncertainty of earlier resets that the covariance of the window does not contain.
     unmodeled: Option<ResetUncertainty>,
     camera_shifts: Vec<CameraShift>,
@@ -180,6 +181,7 @@ impl Odometry {
             odom_from_keyframe: RigidTransform::identity(),
             odom_from_body: RigidTransform::identity(),
             is_lost: false,
+            damping: Damping::UNSETTLED,
             unmodeled: None,
             camera_shifts: Vec::new(),
             number: 0,
@@ -316,8 +318,12 @@ impl Odometry {
         }
         let is_keyframe = self.is_keyframe(&window, is_tracked);
         let mut joint = None;
+        if self.number > self.config.backend.initial_frames && self.is_tilt_known(time_ns) {
+            self.damping = Damping::SETTLED;
+        }
         if is_keyframe || self.optimizes_every_frame(time_ns) {
-            joint = optimize_window(&mut window, self.config.backend.max_iterations).1;
+            let rounds = self.config.backend.max_iterations;
+            joint = optimize_window(&mut window, rounds, self.damping).1;
         }
         let present = set.views.iter().flatten().count();
         let times = sigma_ratio(&self.config.estimator, inliers, present);
@@ -401,19 +407,21 @@ impl Odometry {
     /// Whether the whole window is optimized for the next frame set, keyframe or not.
     fn optimizes_every_frame(&self, time_ns: i64) -> bool {
         let config = &self.config.backend;
-        let tilt_variance = || {
-            // In the world, z is the heading.
-            let covariance = self.keyframe_covariance.state();
-            let rotation = covariance.fixed_view::<3, 3>(ROTATION, ROTATION);
-            let up = self
-                .last
-                .map_or(Vector3::z(), |last| last.rotation.inverse() * Vector3::z());
-            rotation.trace() - (up.transpose() * rotation * up)[0]
-        };
         config.optimize_every_frame
             || self.number <= config.initial_frames
-            || (!self.is_imu_silent(time_ns)
-                && tilt_variance() > config.settled_tilt_sigma_rad.powi(2))
+            || !self.is_tilt_known(time_ns)
+    }
+
+    /// Whether the tilt is known as well as it is going to be; without an IMU it always is.
+    fn is_tilt_known(&self, time_ns: i64) -> bool {
+        // In the world, z is the heading.
+        let covariance = self.keyframe_covariance.state();
+        let rotation = covariance.fixed_view::<3, 3>(ROTATION, ROTATION);
+        let up = |last: State| last.rotation.inverse() * Vector3::z();
+        let up = self.last.map_or(Vector3::z(), up);
+        let variance = rotation.trace() - (up.transpose() * rotation * up)[0];
+        let settled = self.config.backend.settled_tilt_sigma_rad.powi(2);
+        self.is_imu_silent(time_ns) || variance <= settled
     }
 
     /// Tracks all features into new images. The predictions follow from the last and the predicted

@@ -92,3 +92,58 @@ pub(super) const FOR_TEST: [Imperfection; 6] = [
         },
     },
 ];
+
+#[cfg(test)]
+mod tests {
+    use depth::{Band, Config, Matcher};
+    use rig_sim::camera::Quality;
+    use rig_sim::scene::{Kind, Lighting};
+
+    use super::super::coverage::Coverage;
+    use super::super::frames::Walk;
+    use super::super::peers::{Peers, SgbmConfig};
+    use super::super::race::Race;
+    use super::*;
+
+    /// A pair of a walk that `bench depth` does not use, with each imperfection.
+    #[test]
+    fn bad_disparities_are_fewer_than_of_opencv_at_its_density() {
+        let mut peers = match Peers::start() {
+            Ok(peers) => peers,
+            Err(reason) => return eprintln!("skipped: {reason:#}"),
+        };
+        let mut coverage = Coverage::default();
+        for imperfection in &FOR_TEST {
+            let size = [480, 272];
+            let walk = Walk::new(
+                Kind::Pavement,
+                Lighting::Day,
+                12,
+                8.0,
+                size,
+                Quality::FAST,
+                imperfection,
+            );
+            let walk = walk.expect("a walk");
+            let frames = walk.frames(0, &[60]).expect("a pair");
+            let [frame] = &frames[..] else {
+                panic!("found {} pairs, expected 1", frames.len());
+            };
+            let race = Race::run(&mut peers, &SgbmConfig::few(), &[frame], 1).expect("matches");
+            race.print(imperfection.name);
+            let worse = race.less_accurate_than();
+            assert!(worse.is_empty(), "{}: {worse:?}", imperfection.name);
+
+            let [left, right] = frame.images();
+            let mut matcher =
+                Matcher::new(Config::default(), frame.width, frame.height).expect("a size");
+            let band = Band::full(0, frame.range, frame.height).expect("a range");
+            coverage.add(matcher.run(&left, &right, &band).expect("a map"), frame);
+        }
+        let shares = coverage.shares();
+        println!("within two sigmas: {:?}", shares.quarters);
+        let least = shares.quarters.into_iter().fold(1.0, f64::min);
+        assert!(least > 0.90, "{:?}", shares.quarters);
+        assert!(shares.median_sigma < 0.5, "{}", shares.median_sigma);
+    }
+}

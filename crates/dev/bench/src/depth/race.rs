@@ -165,12 +165,27 @@ impl Race {
         })
     }
 
-    /// Our points that beat one of OpenCV's.
-    fn beaten_by(&self, theirs: &Point) -> Option<&Point> {
+    /// One of ours that takes at most `max_ms` and has fewer bad answers at the density of one of
+    /// OpenCV's.
+    fn more_accurate_than(&self, theirs: &Point, max_ms: f64) -> Option<&Point> {
         let (density, bad) = (theirs.scores.density(), theirs.scores.bad_ratio(BAD_2));
         let ours = self.points.iter().filter(|p| p.kind == "ours");
-        let mut fast_enough = ours.filter(|p| p.ms <= theirs.ms);
+        let mut fast_enough = ours.filter(|p| p.ms <= max_ms);
         fast_enough.find(|p| p.at(density).is_some_and(|at| at < bad))
+    }
+
+    fn beaten_by(&self, theirs: &Point) -> Option<&Point> {
+        self.more_accurate_than(theirs, theirs.ms)
+    }
+
+    /// Names of OpenCV's than which none of ours is more accurate, however fast.
+    #[cfg(test)]
+    pub(super) fn less_accurate_than(&self) -> Vec<&str> {
+        let is_missed = |p: &&Point| self.more_accurate_than(p, f64::INFINITY).is_none();
+        self.theirs()
+            .filter(is_missed)
+            .map(|p| p.name.as_str())
+            .collect()
     }
 
     fn theirs(&self) -> impl Iterator<Item = &Point> {

@@ -269,11 +269,28 @@ pub(crate) fn for_each_residual(
     }
 }
 
-/// Initial and minimum damping, relative to the diagonal. Landmarks determine relative poses a
-/// hundred thousand times better than the IMU does the whole window after a time without images, so
-/// that a damping of 1e-5 would hold it where it is.
-const INITIAL_DAMPING: f64 = 1e-8;
-const MIN_DAMPING: f64 = 1e-10;
+/// Damping of the steps of a window, relative to the diagonal.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Damping {
+    initial: f64,
+    min: f64,
+}
+
+impl Damping {
+    /// Landmarks determine relative poses a hundred thousand times better than the IMU does the
+    /// whole window after a time without images, so that a damping of 1e-5 would hold it where it
+    /// is.
+    pub(crate) const SETTLED: Self = Self {
+        initial: 1e-8,
+        min: 1e-10,
+    };
+    /// Until the tilt is known: at rest nothing separates it from the accelerometer biases, and
+    /// steps along both grow from frame to frame.
+    pub(crate) const UNSETTLED: Self = Self {
+        initial: 1e-5,
+        min: 1e-7,
+    };
+}
 
 /// Damping up to which a linear system gives the covariance.
 const MAX_COVARIANCE_DAMPING: f64 = 1e-4;
@@ -292,12 +309,13 @@ pub(crate) struct Solved {
 pub(crate) fn optimize_window(
     window: &mut Window,
     rounds: usize,
+    bounds: Damping,
 ) -> (Solved, Option<NewestCovariance>) {
     let mut solved = Solved {
         rounds: 0,
         cost: [0.0; 2],
     };
-    let mut damping = INITIAL_DAMPING;
+    let mut damping = bounds.initial;
     let mut latest = None;
     let mut before: Option<f64> = None;
     for round in 0..rounds {
@@ -335,7 +353,7 @@ pub(crate) fn optimize_window(
             *window = moved;
             before = Some(after);
             solved.cost[1] = after;
-            damping = (damping * 0.1).max(MIN_DAMPING);
+            damping = (damping * 0.1).max(bounds.min);
             if gained < window.config.convergence_ratio * now.max(1.0) || step.amax() < 1e-6 {
                 break;
             }

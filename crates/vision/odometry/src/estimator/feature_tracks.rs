@@ -15,7 +15,7 @@ use crate::backend::covariance::in_rig_frame;
 use crate::backend::marginalization::marginalize;
 use crate::backend::motion_factor;
 use crate::backend::observation::{BearingObservation, Camera, CameraPose, transfer};
-use crate::backend::solver::{for_each_residual, linearize, optimize_window};
+use crate::backend::solver::{Damping, for_each_residual, linearize, optimize_window};
 use crate::backend::state::{STATE_DIM, State};
 use crate::backend::window::{Frame, Landmark, MotionFactor, Prior, Window};
 use crate::config::{Config, KeyframeConfig};
@@ -117,7 +117,7 @@ pub fn estimate(
             triangulate_new(&mut window);
             preintegrate_again(&mut window, &propagator)?;
             if let (_, Some(covariance)) =
-                optimize_window(&mut window, config.backend.max_iterations)
+                optimize_window(&mut window, config.backend.max_iterations, Damping::SETTLED)
             {
                 joint = covariance;
             }
@@ -168,10 +168,10 @@ fn adjust(config: &Config, mut window: Window) -> Option<Vec<TrackPose>> {
         }
     }
     for _ in 0..2 {
-        optimize_window(&mut window, ADJUSTMENT_ITERATIONS);
+        optimize_window(&mut window, ADJUSTMENT_ITERATIONS, Damping::SETTLED);
         remove_outliers(&mut window);
     }
-    optimize_window(&mut window, ADJUSTMENT_ITERATIONS);
+    optimize_window(&mut window, ADJUSTMENT_ITERATIONS, Damping::SETTLED);
     let landmarks: Vec<&Landmark> = window.landmarks.values().collect();
     let information = linearize(&window, &landmarks, |_| true, 0.0).information;
     let covariance: DMatrix<f64> = information.cholesky()?.inverse();

@@ -192,7 +192,7 @@ fn window_converges_to_the_ground_truth_from_a_distant_start() {
         assert!(exact.landmarks.len() > 100);
         let mut moved = shaken(&exact, 0.1);
         assert!(farthest(&moved) > 0.05);
-        let (solved, _) = optimize_window(&mut moved, 20);
+        let (solved, _) = optimize_window(&mut moved, 20, Damping::SETTLED);
         // At the ground truth the ray at the time of a rolling-shutter row is exact up to rounding.
         assert!(farthest(&moved) < 1e-6, "{} {solved:?}", farthest(&moved));
         assert!(solved.cost[1] < 1e-6, "{solved:?}");
@@ -241,12 +241,12 @@ fn weakly_connected_frames_move_together() {
         connect(&mut window, frame);
     }
     let mut optimum = window.clone();
-    optimize_window(&mut optimum, 40);
+    optimize_window(&mut optimum, 40, Damping::SETTLED);
     let mut moved = window;
     for frame in &mut moved.frames[1..] {
         frame.state.position.x += 1.0;
     }
-    optimize_window(&mut moved, 4);
+    optimize_window(&mut moved, 4, Damping::SETTLED);
     for (frame, expected) in moved.frames.iter().zip(&optimum.frames) {
         let error = frame.state.position - expected.state.position;
         assert!(error.norm() < 0.02, "{}: {error}", frame.number);
@@ -337,7 +337,7 @@ fn saturated_observation_does_not_block_convergence() {
         "{} {sum}",
         linear.cost
     );
-    let (solved, _) = optimize_window(&mut moved, 20);
+    let (solved, _) = optimize_window(&mut moved, 20, Damping::SETTLED);
     assert!(farthest(&moved) < 1e-5, "{} {solved:?}", farthest(&moved));
 }
 
@@ -350,7 +350,7 @@ fn result_does_not_depend_on_the_number_of_threads() {
             .build()
             .unwrap();
         let mut window = moved.clone();
-        pool.install(|| optimize_window(&mut window, 3));
+        pool.install(|| optimize_window(&mut window, 3, Damping::SETTLED));
         window.frames.iter().map(|f| f.state).collect::<Vec<_>>()
     };
     assert_eq!(on(1), on(3));
@@ -363,7 +363,7 @@ fn marginalized_frame_remains_in_the_prior() {
     marginalize(&mut small, 0);
     assert_eq!(small.frames.len(), 4);
     let mut moved = shaken(&small, 0.03);
-    let (_, covariance) = optimize_window(&mut moved, 20);
+    let (_, covariance) = optimize_window(&mut moved, 20, Damping::SETTLED);
     assert!(farthest(&moved) < 1e-5, "{}", farthest(&moved));
     // The position of the marginalized frame is known to a tenth of a millimeter, and its landmarks
     // connect the next one to it.
@@ -412,19 +412,19 @@ fn gyroscope_scale_is_estimated_and_remains_after_marginalization() {
     let mut whole = window(12, 0.0);
     add_gyroscope(&mut whole, &scale);
     let mut small = whole.clone();
-    optimize_window(&mut whole, 20);
+    optimize_window(&mut whole, 20, Damping::SETTLED);
     let found = whole.prior.gyro_scale.error;
     assert!((1.6..2.05).contains(&found.y), "{found}");
     assert!(found.x.abs() < 0.3 && found.z.abs() < 0.3, "{found}");
     assert!(farthest(&whole) < 2e-3, "{}", farthest(&whole));
 
-    optimize_window(&mut small, 20);
+    optimize_window(&mut small, 20, Damping::SETTLED);
     for _ in 0..6 {
         marginalize(&mut small, 0);
     }
     // What the prior knows is independent of where the iteration starts.
     small.prior.gyro_scale.error = Vector3::zeros();
-    let (_, covariance) = optimize_window(&mut small, 20);
+    let (_, covariance) = optimize_window(&mut small, 20, Damping::SETTLED);
     let of_prior = small.prior.gyro_scale.error;
     assert!((of_prior - found).amax() < 0.05, "{of_prior} {found}");
     assert!(covariance.is_some());
@@ -455,7 +455,7 @@ fn extrinsics_are_estimated_and_remain_after_marginalization() {
     let prior_sigma = priors[1].sigmas()[3];
     let before = relative_error(&moved);
     for leaving in 0..3 {
-        let (_, covariance) = optimize_window(&mut moved, 8);
+        let (_, covariance) = optimize_window(&mut moved, 8, Damping::SETTLED);
         let calibrations = covariance.expect("a covariance").calibrations();
         assert_eq!(calibrations.nrows(), 2 * CALIBRATION_DIM);
         // Of the second camera against the first one.
