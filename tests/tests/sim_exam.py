@@ -157,7 +157,9 @@ def read_ply(path):
     head, body = data.split(b"end_header\n", 1)
     counts = [int(line.split()[2]) for line in head.splitlines() if line.startswith(b"element")]
     vertices = np.frombuffer(body, "<f4", 3 * counts[0]).reshape(-1, 3).astype(float)
-    kind = np.dtype([("count", "u1"), ("corners", "<u4", 3), ("class", "u1"), ("walkable", "u1")])
+    kind = np.dtype(
+        [("count", "u1"), ("corners", "<u4", 3), ("class", "u1"), ("walkable", "u1"), ("plane", "<i4")]
+    )
     faces = np.frombuffer(body, kind, counts[1], offset=12 * counts[0])
     assert (faces["count"] == 3).all() and len(body) == 12 * counts[0] + kind.itemsize * counts[1]
     return vertices[faces["corners"]], faces["class"]

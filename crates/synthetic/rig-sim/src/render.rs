@@ -10,7 +10,9 @@
 //! OUT/rig.tum                         world_from_rig at each frame: time, position, quaternion x y z w
 //! OUT/rig.kitti.txt                   the same as rows of 3x4 matrices
 //! OUT/contacts.csv                    times and poses of foot contacts with the ground
-//! OUT/feet.csv                        poses of both soles at 200 Hz, and what bears on the ground
+//! OUT/foot-poses.csv                  poses of both soles at 200 Hz, and what bears on the ground
+//! OUT/soles.csv                       outlines of the soles, in the frames of the feet
+//! OUT/planes.csv, OUT/step-edges.csv  planes of the terrain near the route, and edges of steps
 //! OUT/CAMERA/mav0/cam0, cam1          left and right eye as in EuRoC (Burri et al. 2016), gray
 //! OUT/CAMERA/mav0/imu0                the camera's IMU, which is the body
 //! OUT/CAMERA/mav0/state_groundtruth_estimate0   pose and velocity of the body, biases of the IMU
@@ -30,7 +32,7 @@
 //! and ground truth of the images, on request:
 //!
 //! ```text
-//! OUT/scene.ply                       the static scene, with class and whether it is walkable
+//! OUT/scene.ply                       the static scene, with class, plane, and whether it is walkable
 //! OUT/CAMERA/tags.csv                 corners of the tags on the shoes, in both eyes, at each frame
 //! OUT/CAMERA/mav0/depth0, depth1      ground truth of the left and the right eye: depth,
 //! OUT/CAMERA/mav0/class0, class1      class,
@@ -71,10 +73,11 @@ mod mesh;
 pub mod session;
 mod special;
 mod tables;
+pub(crate) mod terrain;
 mod truth;
 mod yaml;
 
-pub(crate) use self::tables::{contacts, feet};
+pub(crate) use self::tables::{contacts, foot_poses};
 
 /// Options of rendering.
 #[derive(Clone, Copy, Debug)]
@@ -221,13 +224,18 @@ fn fill(
     file("rig.tum", &tables::tum(simulation))?;
     file("rig.kitti.txt", &tables::kitti(simulation))?;
     file("contacts.csv", &contacts(simulation, 0))?;
-    file("feet.csv", &feet(simulation, 0))?;
+    file("foot-poses.csv", &foot_poses(simulation, 0))?;
+    file("soles.csv", &terrain::soles())?;
+    let planes = simulation.scene().planes();
+    file("planes.csv", &terrain::planes(&planes))?;
+    let edges = simulation.scene().step_edges();
+    file("step-edges.csv", &terrain::step_edges(&edges))?;
     for (name, text) in special::files(simulation, job.rig) {
         file(&name, &text)?;
     }
     if job.truth {
         let path = folder.join("scene.ply");
-        fs::write(&path, mesh::ply(simulation.scene())).map_err(at(&path))?;
+        fs::write(&path, mesh::ply(simulation.scene(), &planes)).map_err(at(&path))?;
     }
     let cameras = simulation.cameras().len();
     let next = AtomicUsize::new(0);

@@ -19,6 +19,7 @@ pub mod route;
 pub mod sky;
 pub mod surface;
 pub mod tag;
+pub mod terrain;
 pub mod texture;
 pub mod wearer;
 

@@ -121,7 +121,10 @@ fn session_is_valid_and_contains_ground_truth() {
         .map(|f| f.name.as_str())
         .collect();
     assert!(
-        names.contains(&"truth.feet.csv") && names.contains(&"rig.toml"),
+        names.contains(&"truth.feet.csv")
+            && names.contains(&"truth.foot-poses.csv")
+            && names.contains(&"truth.step-edges.csv")
+            && names.contains(&"rig.toml"),
         "{names:?}"
     );
 

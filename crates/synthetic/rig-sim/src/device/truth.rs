@@ -3,7 +3,7 @@
 use std::fmt::Write as _;
 
 use super::{Device, Stream};
-use crate::render::{contacts, feet};
+use crate::render::{contacts, foot_poses, terrain};
 use crate::simulation::seconds;
 
 impl Device {
@@ -13,8 +13,10 @@ impl Device {
     /// * `truth.CAMERA.csv`: every frame of the walk, including lost ones: device clock in the
     ///   middle of the exposure (empty while the device is disconnected), true time, and
     ///   `world_from_rig` then (position in m, quaternion);
-    /// * `truth.contacts.csv`: times and poses of foot contacts with the ground, and
-    ///   `truth.feet.csv`: poses of both soles at 200 Hz; the same for all cameras.
+    /// * `truth.contacts.csv`: times and poses of foot contacts with the ground;
+    ///   `truth.foot-poses.csv`: poses of both soles at 200 Hz; `truth.soles.csv`: their outline;
+    ///   `truth.planes.csv`, `truth.step-edges.csv`: planes and step edges of the terrain; the same
+    ///   for all cameras.
     pub fn truth(&self, begin_ns: i64) -> Vec<(String, String)> {
         let simulation = &*self.simulation;
         let settings = simulation.settings();
@@ -45,13 +47,20 @@ impl Device {
             );
         }
         let name = &simulation.cameras()[self.camera].name;
-        vec![
-            (format!("truth.{name}.csv"), text),
-            (
-                "truth.contacts.csv".to_owned(),
-                contacts(simulation, begin_ns),
-            ),
-            ("truth.feet.csv".to_owned(), feet(simulation, begin_ns)),
-        ]
+        let mut common = vec![
+            ("contacts", contacts(simulation, begin_ns)),
+            ("foot-poses", foot_poses(simulation, begin_ns)),
+            ("soles", terrain::soles()),
+        ];
+        if simulation.plan().is_none() {
+            let scene = simulation.scene();
+            common.push(("planes", terrain::planes(&scene.planes())));
+            common.push(("step-edges", terrain::step_edges(&scene.step_edges())));
+        }
+        let common = common.into_iter();
+        let common = common.map(|(name, text)| (format!("truth.{name}.csv"), text));
+        let mut files = vec![(format!("truth.{name}.csv"), text)];
+        files.extend(common);
+        files
     }
 }

@@ -8,10 +8,10 @@ use nalgebra::{UnitQuaternion, Vector3};
 use crate::camera::sensor::Tone;
 use crate::scene::Scenery;
 use crate::simulation::{EyeDifference, Imaging, RigImu, Simulation, seconds};
-use crate::walker::{Footfall, Side, Walker};
+use crate::walker::{Footfall, Phase, Side, Walker};
 
 /// Poses of a foot per second.
-const FEET_RATE_HZ: usize = 200;
+const FOOT_RATE_HZ: i64 = 200;
 
 /// The settings, so that the walk can be reproduced.
 pub(super) fn settings(simulation: &Simulation) -> String {
@@ -152,19 +152,33 @@ pub(crate) fn contacts(simulation: &Simulation, begin_ns: i64) -> String {
     text
 }
 
-/// Poses of both soles at [`FEET_RATE_HZ`], and the part that bears on the ground; times are
-/// counted from `begin_ns`, which is the beginning of the walk.
-pub(crate) fn feet(simulation: &Simulation, begin_ns: i64) -> String {
+/// Poses of both soles at [`FOOT_RATE_HZ`], to 1 µm, and the part that bears on the ground; of a
+/// flat phase, in which the foot is at rest, the first and the last. Times are counted from
+/// `begin_ns`, which is the beginning of the walk.
+pub(crate) fn foot_poses(simulation: &Simulation, begin_ns: i64) -> String {
     let mut text =
         "#time [ns],side,phase,x [m],y [m],z [m],q_w [],q_x [],q_y [],q_z []\n".to_owned();
     let walker = simulation.walker();
+    let step_ns = 1_000_000_000 / FOOT_RATE_HZ;
     let end_ns = (simulation.settings().seconds * 1e9) as i64;
-    for time_ns in (0..=end_ns).step_by(1_000_000_000 / FEET_RATE_HZ) {
-        for side in [Side::Left, Side::Right] {
+    for side in [Side::Left, Side::Right] {
+        let phase = |time_ns: i64| walker.foot(side, seconds(time_ns)).phase;
+        for time_ns in (0..=end_ns).step_by(step_ns as usize) {
             let foot = walker.foot(side, seconds(time_ns));
-            let pose = pose(&foot.position, &foot.rotation);
+            let (before, after) = (time_ns - step_ns, time_ns + step_ns);
+            let is_at_rest = [before, time_ns, after].map(phase) == [Phase::Flat; 3];
+            if is_at_rest && before >= 0 && after <= end_ns {
+                continue;
+            }
+            let (p, q) = (foot.position, foot.rotation);
             let (time_ns, side, phase) = (begin_ns + time_ns, side.name(), foot.phase.name());
-            line(&mut text, format_args!("{time_ns},{side},{phase},{pose}"));
+            line(
+                &mut text,
+                format_args!(
+                    "{time_ns},{side},{phase},{:.6},{:.6},{:.6},{:.6},{:.6},{:.6},{:.6}",
+                    p.x, p.y, p.z, q.w, q.i, q.j, q.k
+                ),
+            );
         }
     }
     text
