@@ -74,7 +74,7 @@ def tags(root):
     truth = {}
     for row in csv.reader(open(root.parent / "tags.csv")):
         if not row[0].startswith("#"):
-            corners = np.array(row[5:], float).reshape(4, 2)
+            corners = np.array(row[5:13], float).reshape(4, 2)
             truth.setdefault((row[1], int(row[2])), []).append((int(row[3]), row[4] == "1", corners))
     visible = found = hidden = 0
     off = {"linear": [], "delivered": []}

@@ -120,7 +120,7 @@ impl Simulated {
                 })?
             }
         };
-        let walk = walks.with(settings, rig)?;
+        let walk = walks.with(settings, rig, &faults.of_wearer())?;
         let position = walk.cameras().iter().position(|c| c.name == name);
         let position = position.expect("a simulation has the cameras of its rig");
         let device = Device::rendered(&walk, position, faults.of(name));

@@ -7,6 +7,8 @@ use std::sync::Arc;
 #[cfg(feature = "simulator")]
 use cad_transforms::rig::Rig;
 #[cfg(feature = "simulator")]
+use rig_sim::faults::WearerFaults;
+#[cfg(feature = "simulator")]
 use rig_sim::simulation::{Settings, Simulation, SimulationError};
 
 /// Existing walks, so that cameras of one walk share it.
@@ -18,7 +20,7 @@ pub struct Walks {
 
 #[cfg(feature = "simulator")]
 impl Walks {
-    /// The walk with these settings.
+    /// The walk with these settings and faults of the wearer.
     ///
     /// # Errors
     /// [`SimulationError`].
@@ -26,11 +28,14 @@ impl Walks {
         &mut self,
         settings: &Settings,
         rig: &Rig,
+        faults: &WearerFaults,
     ) -> Result<Arc<Simulation>, SimulationError> {
-        if let Some(walk) = self.walks.iter().find(|walk| walk.settings() == settings) {
+        let is_same =
+            |walk: &&Arc<Simulation>| walk.settings() == settings && walk.wearer_faults() == faults;
+        if let Some(walk) = self.walks.iter().find(is_same) {
             return Ok(walk.clone());
         }
-        let walk = Arc::new(Simulation::new(settings, rig)?);
+        let walk = Arc::new(Simulation::with_wearer_faults(settings, rig, faults)?);
         self.walks.push(walk.clone());
         Ok(walk)
     }

@@ -92,9 +92,6 @@ struct Render {
     /// The session has neither intrinsics nor a rig file, as of an uncalibrated rig.
     #[arg(long)]
     uncalibrated: bool,
-    /// TOML file with faults: the folders have those of lenses and light, the session has all.
-    #[arg(long, value_name = "FILE")]
-    faults: Option<PathBuf>,
     /// Cameras rendered at a time [default: all]
     #[arg(long, value_name = "N")]
     threads: Option<NonZeroUsize>,
@@ -128,6 +125,10 @@ struct Walk {
     /// Rows.
     #[arg(long, value_name = "PIXELS", default_value = "376")]
     height: u32,
+    /// TOML file with faults; a preview has those of the wearer, folders also those of lenses and
+    /// light, and the session has all.
+    #[arg(long, value_name = "FILE")]
+    faults: Option<PathBuf>,
     /// fast: one sample per image; accurate: smooth edges and motion blur.
     #[arg(long, default_value = "accurate", value_parser = quality())]
     quality: Quality,
@@ -315,7 +316,7 @@ fn text_of(path: &Path, what: &str) -> Result<String> {
 }
 
 /// The simulation, the rig and the text of its file.
-fn simulate(walk: &Walk, rate_hz: f64) -> Result<(Arc<Simulation>, Rig, String)> {
+fn simulate(walk: &Walk, rate_hz: f64) -> Result<(Arc<Simulation>, Rig, String, Faults)> {
     let (text, rig) = match &walk.rig {
         Some(path) => {
             let text = text_of(path, "the rig file")?;
@@ -334,9 +335,17 @@ fn simulate(walk: &Walk, rate_hz: f64) -> Result<(Arc<Simulation>, Rig, String)>
         height: walk.height,
         quality: walk.quality,
     };
+    let faults = match &walk.faults {
+        None => Faults::default(),
+        Some(path) => {
+            let text = text_of(path, "the faults")?;
+            Faults::parse(&text, &rig.cameras(), walk.seed)
+                .with_context(|| format!("in {}", path.display()))?
+        }
+    };
     let mut simulation = match walk.scene {
         Kind::Targets => target_session(&settings, &rig, &walk.boards)?,
-        _ => Simulation::new(&settings, &rig)?,
+        _ => Simulation::with_wearer_faults(&settings, &rig, &faults.of_wearer())?,
     };
     let stereo = |camera: &str, path: &Path| {
         let (stereo, notes) = calibration_files::read_stereo(path, walk.width, walk.height)
@@ -395,7 +404,7 @@ fn simulate(walk: &Walk, rate_hz: f64) -> Result<(Arc<Simulation>, Rig, String)>
         fence_spacing_m: walk.fence_spacing,
         gloss: walk.gloss,
     })?;
-    Ok((Arc::new(simulation), rig, text))
+    Ok((Arc::new(simulation), rig, text, faults))
 }
 
 fn target_session(settings: &Settings, rig: &Rig, boards: &Boards) -> Result<Simulation> {
@@ -442,18 +451,10 @@ fn camera_file(text: &str) -> Result<(String, PathBuf), String> {
 
 fn render_to(arguments: &Render) -> Result<()> {
     let walk = &arguments.walk;
-    let (mut simulation, rig, rig_text) = simulate(walk, arguments.rate)?;
+    let (mut simulation, rig, rig_text, faults) = simulate(walk, arguments.rate)?;
     if arguments.uncalibrated {
         simulation = Arc::new(Arc::unwrap_or_clone(simulation).without_calibration());
     }
-    let faults = match &arguments.faults {
-        None => Faults::default(),
-        Some(path) => {
-            let text = text_of(path, "the faults")?;
-            Faults::parse(&text, &rig.cameras(), walk.seed)
-                .with_context(|| format!("in {}", path.display()))?
-        }
-    };
     let cameras = simulation.cameras().len();
     let frames = simulation.settings().frame_count() * cameras as u64;
     let times = if arguments.session { 2 } else { 1 };

@@ -45,8 +45,8 @@
 //! [`Class`]; instance as 16-bit numbers, 0 the sky; flow as KITTI's 16-bit red, green, blue (Menze
 //! and Geiger 2015): 64 times the displacement in px plus 2^15, to the right and down, and 0 for
 //! undefined, 1 for visible in the next frame, 2 for occluded or outside there. In `tags.csv` a row
-//! is a tag in front of an eye (0 left, 1 right); `visible` is 1 if the whole tag, with half its
-//! white margin, is in the image and unoccluded. Its corners are those of the black square in the
+//! is a tag in front of an eye (0 left, 1 right); `visible` is 1 if its whole black square is in the
+//! image and unoccluded, `visible share` is how much of it is. Its corners are those of the black square in the
 //! order of AprilTag's detections: bottom left, bottom right, top right, top left, for a reader who
 //! sees the tag upright. Integers are pixel centers; AprilTag's own coordinates are greater by 0.5.
 //!

@@ -50,6 +50,7 @@ use self::sky::Sky;
 use self::surface::{Class, Material};
 use self::texture::Texture;
 use self::wearer::{ShoeTag, Wearer};
+use crate::faults::WearerFaults;
 use crate::targets::board::Board;
 use crate::walker::GaitProfile;
 
@@ -202,29 +203,42 @@ pub struct Ground {
 impl Scene {
     /// Builds a scene for a wearer without tags on his shoes.
     pub fn new(kind: Kind, lighting: Lighting, seed: u64) -> Self {
-        Self::with_tags(kind, lighting, seed, &[])
+        Self::with_tags(kind, lighting, seed, &[], &WearerFaults::default())
     }
 
-    /// Builds a scene for a wearer with these tags on his shoes.
+    /// Builds a scene for a wearer with these tags on his shoes, and faults of them.
     ///
     /// # Panics
     /// If the `id` of a tag is not below [`tag::COUNT`].
-    pub(crate) fn with_tags(kind: Kind, lighting: Lighting, seed: u64, tags: &[ShoeTag]) -> Self {
-        Self::make(kind, lighting, seed, tags, &[])
+    pub(crate) fn with_tags(
+        kind: Kind,
+        lighting: Lighting,
+        seed: u64,
+        tags: &[ShoeTag],
+        faults: &WearerFaults,
+    ) -> Self {
+        Self::make(kind, lighting, seed, (tags, faults), &[])
     }
 
     /// The calibration room with these boards, without people.
     pub fn with_boards(lighting: Lighting, seed: u64, boards: &[Board]) -> Self {
-        let mut scene = Self::make(Kind::Targets, lighting, seed, &[], boards);
+        let bare = (&[][..], &WearerFaults::default());
+        let mut scene = Self::make(Kind::Targets, lighting, seed, bare, boards);
         scene.wearer.parts.clear();
         scene
     }
 
-    fn make(kind: Kind, lighting: Lighting, seed: u64, tags: &[ShoeTag], boards: &[Board]) -> Self {
+    fn make(
+        kind: Kind,
+        lighting: Lighting,
+        seed: u64,
+        (tags, faults): (&[ShoeTag], &WearerFaults),
+        boards: &[Board],
+    ) -> Self {
         let mut builder = Builder::new(seed);
         let made = kind.build(&mut builder);
         targets::stand(&mut builder, boards);
-        let wearer = Wearer::make(&mut builder, tags, &GaitProfile::draw(seed));
+        let wearer = Wearer::make(&mut builder, tags, &GaitProfile::draw(seed), faults);
         let clouds = builder.texture(&palette::CLOUDS);
         let light = made.lights.at(lighting);
         // Moving bodies have no shadows; indoors the sun rarely reaches them.

@@ -20,6 +20,7 @@ use crate::calibration_error::{CalibrationError, true_rig_toml};
 use crate::camera::placed::{Motion, Placed, placed};
 use crate::camera::sensor::SensorModel;
 use crate::camera::{Quality, Shutter};
+use crate::faults::WearerFaults;
 use crate::imu::{Imu, ImuFaults, ImuModel, ImuSample};
 use crate::lens::Lens;
 use crate::random;
@@ -258,6 +259,18 @@ impl Simulation {
     /// # Errors
     /// [`SimulationError`].
     pub fn new(settings: &Settings, rig: &Rig) -> Result<Self, SimulationError> {
+        Self::with_wearer_faults(settings, rig, &WearerFaults::default())
+    }
+
+    /// The same with faults of the wearer; target sessions have none.
+    ///
+    /// # Errors
+    /// [`SimulationError`].
+    pub fn with_wearer_faults(
+        settings: &Settings,
+        rig: &Rig,
+        faults: &WearerFaults,
+    ) -> Result<Self, SimulationError> {
         if settings.kind == Kind::Targets {
             let target = |number| Some(targets::april_grid(number));
             return Self::with_targets(settings, rig, &Plan::GOOD, &target);
@@ -267,8 +280,15 @@ impl Simulation {
             id,
             last: tag::COUNT - 1,
         })?;
-        let scene = Scene::with_tags(settings.kind, settings.lighting, settings.seed, &tags);
-        let walker = Walker::new(&scene, settings.seed, settings.seconds);
+        let Settings {
+            kind,
+            lighting,
+            seed,
+            seconds,
+            ..
+        } = *settings;
+        let scene = Scene::with_tags(kind, lighting, seed, &tags, faults);
+        let walker = Walker::with_faults(&scene, seed, seconds, faults);
         let nominal = nominal_cameras(&cameras, &imus);
         Ok(Self {
             settings: *settings,
@@ -600,6 +620,11 @@ impl Simulation {
         TargetObservations::new(self, camera)
     }
 
+    /// Faults of the wearer.
+    pub fn wearer_faults(&self) -> &WearerFaults {
+        self.walker.faults()
+    }
+
     /// The walk.
     pub fn walker(&self) -> &Walker {
         &self.walker
@@ -672,11 +697,12 @@ impl Simulation {
 
     /// The wearer's limbs, which move during the walk.
     fn limbs(&self) -> Vec<Limb<'_>> {
-        let parts = self.scene().wearer.parts.iter();
-        parts
+        let wearer = &self.scene().wearer;
+        (wearer.parts.iter())
             .map(|(part, body)| Limb {
                 body,
                 part: *part,
+                wearer,
                 walker: &self.walker,
             })
             .collect()
@@ -768,12 +794,13 @@ fn imus(
 struct Limb<'a> {
     body: &'a Body,
     part: Part,
+    wearer: &'a Wearer,
     walker: &'a Walker,
 }
 
 impl Motion for Limb<'_> {
     fn at(&self, time_s: f64) -> (Vector3<f64>, UnitQuaternion<f64>) {
-        Wearer::pose(self.part, self.walker, time_s)
+        self.wearer.pose(self.part, self.walker, time_s)
     }
 }
 

@@ -17,7 +17,8 @@ use self::foot_motion::{Avoidance, avoid, standing, swinging};
 pub use self::gait::{Footfall, Side};
 use self::path::Path;
 pub use self::profile::GaitProfile;
-use self::progress::Progress;
+use self::progress::{Jump, Progress};
+use crate::faults::{Kind, WearerFaults};
 use crate::random;
 use crate::scene::Scene;
 use crate::spline::{Spline, State};
@@ -35,6 +36,11 @@ const CARRIER_X: f64 = -0.6;
 const ROLL_DOWN_S: f64 = 0.08;
 /// From heel lift until toe-off, s.
 const ROLL_OFF_S: f64 = 0.2;
+/// Duration of a slide of a foot, s.
+const SLIDE_S: f64 = 0.15;
+/// Depth of the crouch before and after a jump, m, and its duration, s.
+const CROUCH_M: f64 = 0.12;
+const CROUCH_S: f64 = 0.5;
 
 /// A walk.
 #[derive(Clone, Debug)]
@@ -45,6 +51,7 @@ pub struct Walker {
     falls: [Vec<Footfall>; 2],
     /// Of the swing after each footfall.
     avoidances: [Vec<Avoidance>; 2],
+    faults: WearerFaults,
     seconds: f64,
 }
 
@@ -87,15 +94,24 @@ impl Phase {
 impl Walker {
     /// Walks the scene's route for `seconds`; the seed draws the wearer.
     pub fn new(scene: &Scene, seed: u64, seconds: f64) -> Self {
+        Self::with_faults(scene, seed, seconds, &WearerFaults::default())
+    }
+
+    /// The same with faults. The chest follows jumps, but neither slides nor yielding ground.
+    pub fn with_faults(scene: &Scene, seed: u64, seconds: f64, faults: &WearerFaults) -> Self {
         let profile = GaitProfile::draw(seed);
         let path = Path::closed(&scene.route.points);
         // Slightly longer than required, so that the end is not an edge.
-        let progress = Progress::new(&scene.route.legs, seconds + 2.0);
+        let progress = Progress::new(&scene.route.legs, seconds + 2.0, &faults.jumps());
         let ground = |x: f64, y: f64, below: f64| Some(scene.ground(x, y, below)?.height);
         let start_below = scene.route.start_below;
         let all = gait::plan(&path, &progress, &ground, start_below, &profile);
         let spline = chest(&path, &progress, &all, &profile, seed);
-        let of = |side| all.iter().copied().filter(|f| f.side == side).collect();
+        let of = |side| {
+            let own = all.iter().copied().filter(|f| f.side == side);
+            own.flat_map(|fall| parted(fall, progress.jumps()))
+                .collect()
+        };
         let falls: [Vec<Footfall>; 2] = [of(Side::Left), of(Side::Right)];
         let avoidances = [0, 1].map(|side| {
             let swings = falls[side].windows(2);
@@ -106,6 +122,7 @@ impl Walker {
             spline,
             falls,
             avoidances,
+            faults: faults.clone(),
             seconds,
         }
     }
@@ -123,6 +140,7 @@ impl Walker {
             spline,
             falls: [Side::Left, Side::Right].map(|side| vec![standing(side)]),
             avoidances: [Vec::new(), Vec::new()],
+            faults: WearerFaults::default(),
             seconds,
         }
     }
@@ -142,6 +160,11 @@ impl Walker {
         self.spline.at(time_s + KNOT_S)
     }
 
+    /// Faults of the wearer.
+    pub(crate) fn faults(&self) -> &WearerFaults {
+        &self.faults
+    }
+
     /// Contacts of a foot with the ground, in the order of time.
     pub fn contacts(&self, side: Side) -> &[Footfall] {
         &self.falls[side as usize]
@@ -151,15 +174,29 @@ impl Walker {
     pub fn foot(&self, side: Side, time_s: f64) -> FootState {
         let falls = &self.falls[side as usize];
         let next = falls.partition_point(|f| f.strike_s <= time_s).max(1);
-        let fall = &falls[next - 1];
+        let fall = self.displaced(&falls[next - 1], time_s);
         if time_s <= fall.off_s {
-            return standing(fall, time_s);
+            return standing(&fall, time_s);
         }
         let Some(to) = falls.get(next) else {
-            return standing(fall, fall.off_s);
+            return standing(&fall, fall.off_s);
         };
         let t = (time_s - fall.off_s) / (to.strike_s - fall.off_s);
-        swinging(fall, to, &self.avoidances[side as usize][next - 1], t)
+        swinging(&fall, to, &self.avoidances[side as usize][next - 1], t)
+    }
+
+    /// A footfall where slides and yielding ground have moved it until a time.
+    fn displaced(&self, fall: &Footfall, time_s: f64) -> Footfall {
+        let strength = |kind| self.faults.strength(kind, fall.side, fall.strike_s);
+        let (flat, _) = Self::flat_phase(fall);
+        let slide = strength(Kind::FootSlip) * smooth((time_s - flat) / SLIDE_S);
+        let sunk =
+            strength(Kind::SoftGround) * smooth((time_s - fall.strike_s) / (flat - fall.strike_s));
+        let forward = fall.rotation * Vector3::x();
+        Footfall {
+            position: fall.position + forward * slide - Vector3::z() * sunk,
+            ..*fall
+        }
     }
 
     /// Time span in which a footfall's whole sole is down and at rest, s; empty in a quick run.
@@ -171,6 +208,27 @@ impl Walker {
         );
         (fall.strike_s + down, fall.off_s - off)
     }
+}
+
+/// A footfall, or the two before and after a jump.
+fn parted(fall: Footfall, jumps: &[Jump]) -> Vec<Footfall> {
+    let mut parts = vec![fall];
+    for jump in jumps {
+        let last = parts[parts.len() - 1];
+        let land_s = jump.at_s + jump.flight_s();
+        if last.strike_s < jump.at_s && land_s < last.off_s {
+            let at = parts.len() - 1;
+            parts[at].off_s = jump.at_s;
+            parts[at].off_pitch_rad = 0.0;
+            parts.push(Footfall {
+                strike_s: land_s,
+                strike_pitch_rad: 0.0,
+                jump_m: jump.height_m,
+                ..last
+            });
+        }
+    }
+    parts
 }
 
 /// 0 to 1 with no speed and no acceleration at the ends.
@@ -237,6 +295,18 @@ fn chest(
                 pitch += 0.3 * shape;
                 up -= 0.06 * shape;
                 ahead += 0.1 * shape;
+            }
+        }
+        for jump in progress.jumps() {
+            up += jump.height_at(t);
+            for middle in [
+                jump.at_s - 0.5 * CROUCH_S,
+                jump.at_s + jump.flight_s() + 0.5 * CROUCH_S,
+            ] {
+                let s = (t - middle) / CROUCH_S + 0.5;
+                if (0.0..1.0).contains(&s) {
+                    up -= CROUCH_M * libm::sin(std::f64::consts::PI * s).powi(2);
+                }
             }
         }
         // Slow sway, and looking around.

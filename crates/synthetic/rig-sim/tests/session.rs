@@ -45,6 +45,7 @@ fn fault(kind: FaultKind, strength: f64, from_s: f64) -> Fault {
         from_s,
         to_s: f64::INFINITY,
         camera: Some("feet".to_owned()),
+        foot: None,
     }
 }
 

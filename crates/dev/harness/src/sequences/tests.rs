@@ -21,6 +21,7 @@ fn fault(kind: FaultKind, strength: f64, from_s: f64, to_s: f64, camera: &str) -
         from_s,
         to_s,
         camera: Some(camera.to_owned()),
+        foot: None,
     }
 }
 

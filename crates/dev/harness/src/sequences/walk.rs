@@ -146,7 +146,8 @@ fn stereo_covariance() -> Matrix6<f64> {
 /// Settings that cannot be simulated.
 pub fn walk(settings: &WalkSettings) -> Result<Sequence> {
     let rig = cad_transforms::rig::Rig::parse(&settings.rig)?;
-    let simulation = Simulation::new(&settings.settings(), &rig)?
+    let wearer = settings.faults.of_wearer();
+    let simulation = Simulation::with_wearer_faults(&settings.settings(), &rig, &wearer)?
         .with_imaging(settings.imaging)?
         .with_calibration_error(&rig, &settings.calibration_error)?;
     let simulation = Arc::new(simulation);

@@ -485,6 +485,7 @@ mod tests {
             from_s: 0.0,
             to_s: 9.0,
             camera: None,
+            foot: None,
         };
         let faults = Faults {
             list: Kind::ALL.map(none).to_vec(),

@@ -61,6 +61,7 @@ fn fault(kind: Kind, strength: f64, from_s: f64, to_s: f64) -> Fault {
         from_s,
         to_s,
         camera: None,
+        foot: None,
     }
 }
 

@@ -7,13 +7,19 @@
 //! from = 2.0            # s since the beginning of the walk; default 0
 //! to = 4.0              # default: to the end
 //! camera = "feet"       # default: all cameras
+//!
+//! [[fault]]
+//! kind = "tag_dirt"     # of shoes and their tags
+//! strength = 0.3
+//! foot = "left"         # default: both
 //! ```
 
 use std::fmt::Write as _;
 
 use serde::Deserialize;
 
-use super::{Fault, FaultDuration, Faults, Kind};
+use super::{Fault, FaultDuration, Faults, Kind, Subject};
+use crate::walker::Side;
 
 /// Error of reading a fault file: correct it.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -42,6 +48,7 @@ struct Entry {
     from: f64,
     to: Option<f64>,
     camera: Option<String>,
+    foot: Option<String>,
 }
 
 impl Faults {
@@ -64,6 +71,7 @@ impl Faults {
                 from_s: entry.from,
                 to_s: entry.to.unwrap_or(f64::INFINITY),
                 camera: entry.camera.clone(),
+                foot: entry.side(),
             }));
         }
         match problems.as_slice() {
@@ -91,6 +99,9 @@ impl Faults {
             if let Some(camera) = &fault.camera {
                 let _ = writeln!(text, "camera = {camera:?}");
             }
+            if let Some(side) = fault.foot {
+                let _ = writeln!(text, "foot = {:?}", side.name());
+            }
             text.push('\n');
         }
         text
@@ -100,6 +111,13 @@ impl Faults {
 impl Entry {
     fn kind(&self) -> Option<Kind> {
         Kind::ALL.into_iter().find(|k| k.name() == self.kind)
+    }
+
+    fn side(&self) -> Option<Side> {
+        let name = self.foot.as_deref()?;
+        [Side::Left, Side::Right]
+            .into_iter()
+            .find(|s| s.name() == name)
     }
 
     /// All problems of one entry.
@@ -140,6 +158,20 @@ impl Entry {
         {
             let known = cameras.join(", ");
             problems.push(format!("camera is {camera:?}, expected one of {known}"));
+        }
+        if let Some(foot) = &self.foot
+            && self.side().is_none()
+        {
+            problems.push(format!("foot is {foot:?}, expected \"left\" or \"right\""));
+        }
+        let subject = kind.subject();
+        if self.camera.is_some() && subject != Subject::Camera {
+            problems.push(format!(
+                "camera is given, but {name} does not act on a camera"
+            ));
+        }
+        if self.foot.is_some() && subject != Subject::Foot {
+            problems.push(format!("foot is given, but {name} does not act on a foot"));
         }
         problems
     }

@@ -41,6 +41,33 @@ pub enum Kind {
     Blur,
     /// The camera, with its IMU, has rotated on the rig.
     ShiftedCamera,
+    /// Mud on the tag of a shoe.
+    TagDirt,
+    /// Something covers part of the tag of a shoe, from the toe on.
+    TagCovered,
+    /// The tag of a shoe slips forward and turns.
+    TagSlip,
+    /// The tag of a shoe is lost.
+    TagLost,
+    /// Cloth of the trousers hangs over the instep.
+    Trousers,
+    /// A foot slides forward after it is flat on the ground.
+    FootSlip,
+    /// The ground yields under a foot.
+    SoftGround,
+    /// The wearer stops and jumps on the spot.
+    Jump,
+}
+
+/// What a fault acts on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Subject {
+    /// A camera with its IMU.
+    Camera,
+    /// A foot of the wearer, with shoe and tags.
+    Foot,
+    /// The wearer.
+    Wearer,
 }
 
 /// Duration of a fault.
@@ -56,7 +83,7 @@ pub enum FaultDuration {
 
 impl Kind {
     /// All kinds.
-    pub const ALL: [Self; 18] = [
+    pub const ALL: [Self; 26] = [
         Self::Dropped,
         Self::Late,
         Self::Duplicated,
@@ -75,6 +102,14 @@ impl Kind {
         Self::DirtyLens,
         Self::Blur,
         Self::ShiftedCamera,
+        Self::TagDirt,
+        Self::TagCovered,
+        Self::TagSlip,
+        Self::TagLost,
+        Self::Trousers,
+        Self::FootSlip,
+        Self::SoftGround,
+        Self::Jump,
     ];
 
     /// Name in files.
@@ -95,6 +130,21 @@ impl Kind {
     /// Duration.
     pub fn duration(self) -> FaultDuration {
         self.facts().3
+    }
+
+    /// What it acts on.
+    pub fn subject(self) -> Subject {
+        match self {
+            Self::TagDirt
+            | Self::TagCovered
+            | Self::TagSlip
+            | Self::TagLost
+            | Self::Trousers
+            | Self::FootSlip
+            | Self::SoftGround => Subject::Foot,
+            Self::Jump => Subject::Wearer,
+            _ => Subject::Camera,
+        }
     }
 
     fn facts(
@@ -128,6 +178,17 @@ impl Kind {
                 ("blur", unit, 0.0..=0.1, UntilEnd)
             }
             Self::ShiftedCamera => ("shifted_camera", "degrees", 0.0..=45.0, UntilEnd),
+            Self::TagDirt => ("tag_dirt", "share of cells", 0.0..=1.0, UntilEnd),
+            Self::TagCovered => ("tag_covered", "share of the tag", 0.0..=1.0, UntilEnd),
+            Self::TagSlip => {
+                let unit = "m forward, and 0.6 degrees per mm";
+                ("tag_slip", unit, 0.0..=0.1, Instant)
+            }
+            Self::TagLost => ("tag_lost", "0 or 1", 0.0..=1.0, UntilEnd),
+            Self::Trousers => ("trousers", "m over the instep", 0.0..=0.3, UntilEnd),
+            Self::FootSlip => ("foot_slip", "m in every stance", 0.0..=0.3, UntilEnd),
+            Self::SoftGround => ("soft_ground", "m", 0.0..=0.2, UntilEnd),
+            Self::Jump => ("jump", "m", 0.0..=0.5, Instant),
         }
     }
 }

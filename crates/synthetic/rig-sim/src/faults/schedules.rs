@@ -1,7 +1,8 @@
 //! Random fault schedules for tests.
 
-use super::{Fault, FaultDuration, Faults, Kind};
+use super::{Fault, FaultDuration, Faults, Kind, Subject};
 use crate::random;
+use crate::walker::Side;
 
 /// Maximum number of faults in a schedule.
 const MAX_FAULTS: usize = 8;
@@ -35,8 +36,12 @@ impl Faults {
                 _ => f64::INFINITY,
             };
             let camera = match pick(i, 7, cameras.len() + 1) {
-                0 => None,
-                n => Some(cameras[n - 1].to_owned()),
+                n if n > 0 && kind.subject() == Subject::Camera => Some(cameras[n - 1].to_owned()),
+                _ => None,
+            };
+            let foot = match kind.subject() {
+                Subject::Foot => [None, Some(Side::Left), Some(Side::Right)][pick(i, 8, 3)],
+                _ => None,
             };
             Fault {
                 kind,
@@ -44,6 +49,7 @@ impl Faults {
                 from_s,
                 to_s,
                 camera,
+                foot,
             }
         };
         let count = 1 + pick(0, 0, MAX_FAULTS) as u64;

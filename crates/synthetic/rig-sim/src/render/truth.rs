@@ -24,7 +24,7 @@ use crate::simulation::{GroundTruth, Simulation};
 /// Layers of each eye; the number of the eye follows the name.
 const LAYERS: [&str; 4] = ["depth", "class", "instance", "flow"];
 const TAGS: &str = "#frame,timestamp [ns],eye,id,visible,u0 [px],v0 [px],u1 [px],v1 [px],\
-                    u2 [px],v2 [px],u3 [px],v3 [px]\n";
+                    u2 [px],v2 [px],u3 [px],v3 [px],visible share []\n";
 
 /// Writes ground truth of a camera's frames in order.
 pub(super) struct TruthFiles<'a> {
@@ -82,9 +82,10 @@ impl<'a> TruthFiles<'a> {
                 // Writing to a string does not fail.
                 let _ = writeln!(
                     self.tags,
-                    "{number},{now_ns},{eye},{},{},{corners}",
+                    "{number},{now_ns},{eye},{},{},{corners},{:.3}",
                     tag.id,
-                    u8::from(tag.visible)
+                    u8::from(tag.is_visible()),
+                    tag.visible_share
                 );
             }
         }

@@ -92,6 +92,16 @@ impl Builder {
         }) as u16
     }
 
+    /// Adds a material that differs from another one in its colors.
+    pub(super) fn material_like(&mut self, other: u16, albedo: [f32; 3], mixed: [f32; 3]) -> u16 {
+        self.materials.push(Material {
+            albedo,
+            other_albedo: mixed,
+            ..self.materials[other as usize].clone()
+        });
+        self.materials.len() as u16 - 1
+    }
+
     /// Adds a material.
     pub fn material(
         &mut self,

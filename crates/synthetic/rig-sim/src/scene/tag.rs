@@ -24,7 +24,7 @@ const CODES: [u64; 8] = [
 /// Bits along a side.
 const BITS: usize = 6;
 /// Cells along a side with the black border.
-const CELLS: usize = BITS + 2;
+pub(crate) const CELLS: usize = BITS + 2;
 
 /// Number of available tags.
 pub const COUNT: usize = CODES.len();

@@ -1,6 +1,6 @@
-//! Visible body parts of the wearer: shoes with tags, and legs.
+//! Visible body parts of the wearer: shoes, the tags on them and what hides these, and legs.
 //!
-//! Rigid parts: a shoe, a shank and a thigh on each side. Their poses follow from the walk: shoes
+//! Rigid parts: a shoe with its tags, a shank and a thigh on each side. Their poses follow from the walk: shoes
 //! are the feet, and the knee bends so that the leg reaches from the hip to the ankle. The origin
 //! of a body is its center of rotation: shoes in the middle of the sole, shanks at the ankle,
 //! thighs at the knee, with z along the limb.
@@ -14,6 +14,8 @@ use super::mesh::{Mesh, Stuff};
 use super::surface::Class;
 use super::tag;
 use super::texture::Recipe;
+use crate::faults::{Fault, Kind, WearerFaults};
+use crate::random;
 use crate::walker::gait::{HEEL_X, TOE_X};
 use crate::walker::{GaitProfile, Side, Walker};
 use cad_transforms::so3;
@@ -38,7 +40,34 @@ pub enum Part {
     Shank(Side),
     /// From the knee to the hip.
     Thigh(Side),
+    /// A tag by its index in [`Wearer::tags`]; its frame is the tag's.
+    Tag(usize),
+    /// What a fault puts over a tag or a shoe, by its index.
+    Cover(usize),
 }
+
+/// Something over a tag or a shoe.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Cover {
+    /// Index of the tag in whose frame it is; `None` for the frame of the shoe.
+    tag: Option<usize>,
+    side: Side,
+    from_s: f64,
+    to_s: f64,
+}
+
+/// Turn of a tag that slips, rad/m.
+const SLIP_TURN: f64 = 600.0 * std::f64::consts::PI / 180.0;
+/// Height of a part that is not there, m.
+const NOWHERE_M: f64 = -1000.0;
+/// Distance of mud in front of a tag, and of other covers, m: more than ground truth tolerates.
+const DIRT_M: f64 = 0.004;
+const COVER_M: f64 = 0.006;
+/// Where cloth over the instep begins, m, and half its width, m.
+const CLOTH_X: f64 = -0.02;
+const CLOTH_HALF_WIDTH_M: f64 = 0.07;
+/// Stream of dirty cells.
+const DIRT: u64 = random::FAULT + 0x80;
 
 /// A tag on a shoe.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -62,10 +91,16 @@ pub struct Wearer {
     pub parts: Vec<(Part, Body)>,
     /// The tags on the shoes.
     pub tags: Vec<ShoeTag>,
+    covers: Vec<Cover>,
 }
 
 impl Wearer {
-    pub(super) fn make(b: &mut Builder, tags: &[ShoeTag], profile: &GaitProfile) -> UnlitWearer {
+    pub(super) fn make(
+        b: &mut Builder,
+        tags: &[ShoeTag],
+        profile: &GaitProfile,
+        faults: &WearerFaults,
+    ) -> UnlitWearer {
         let scale = profile.scale();
         let cloth = b.texture(&Recipe {
             radius: [1.0, 50.0],
@@ -87,26 +122,77 @@ impl Wearer {
         let white = stuff(40.0, [0.6; 3], [0.6; 3]);
         let mut meshes = Vec::new();
         for side in [Side::Left, Side::Right] {
-            let mut shoe = shoe(leather, sole);
-            let own = tags.iter().filter(|tag| tag.side == side);
-            own.for_each(|tag| put_on(&mut shoe, tag, [black, white]));
-            meshes.push((Part::Shoe(side), shoe));
+            meshes.push((Part::Shoe(side), shoe(leather, sole)));
             let hem = profile.hem_m - ANKLE[2];
             let shank = limb([hem, scale * SHANK_M], [0.048, 0.06], trousers);
             meshes.push((Part::Shank(side), shank));
             let thigh = limb([0.0, scale * THIGH_M], [0.06, 0.085], trousers);
             meshes.push((Part::Thigh(side), thigh));
         }
+        for (index, tag) in tags.iter().enumerate() {
+            meshes.push((Part::Tag(index), plate(tag, [black, white])));
+        }
+        let mut covers = Vec::new();
+        for (cover, mesh) in over_tags(b, tags, faults, trousers, instance) {
+            meshes.push((Part::Cover(covers.len()), mesh));
+            covers.push(cover);
+        }
         UnlitWearer {
             meshes,
             tags: tags.to_vec(),
+            covers,
         }
     }
 
+    /// Pose of a tag in the frame of its foot; `None` if it is lost.
+    fn foot_from_tag(
+        tag: &ShoeTag,
+        faults: &WearerFaults,
+        time_s: f64,
+    ) -> Option<(Vector3<f64>, UnitQuaternion<f64>)> {
+        if faults.strength(Kind::TagLost, tag.side, time_s) > 0.0 {
+            return None;
+        }
+        let slips = faults.of_foot(Kind::TagSlip, tag.side);
+        let slip_m: f64 = slips
+            .filter(|f| f.from_s <= time_s)
+            .map(|f| f.strength)
+            .sum();
+        // Upwards in the tag is forward on the shoe; it turns in its plane.
+        let rotation = tag.rotation * so3::exp(Vector3::z() * (SLIP_TURN * slip_m));
+        let position = tag.position - tag.rotation * Vector3::y() * slip_m;
+        Some((position, rotation))
+    }
+
     /// Pose of a part in the world.
-    pub fn pose(part: Part, walker: &Walker, time_s: f64) -> (Vector3<f64>, UnitQuaternion<f64>) {
+    pub fn pose(
+        &self,
+        part: Part,
+        walker: &Walker,
+        time_s: f64,
+    ) -> (Vector3<f64>, UnitQuaternion<f64>) {
+        let nowhere = (Vector3::z() * NOWHERE_M, UnitQuaternion::identity());
         let side = match part {
             Part::Shoe(side) | Part::Shank(side) | Part::Thigh(side) => side,
+            Part::Tag(index) => {
+                let tag = &self.tags[index];
+                let foot = walker.foot(tag.side, time_s);
+                let on_foot = Self::foot_from_tag(tag, walker.faults(), time_s);
+                return on_foot.map_or(nowhere, |(position, rotation)| {
+                    (
+                        foot.position + foot.rotation * position,
+                        foot.rotation * rotation,
+                    )
+                });
+            }
+            Part::Cover(index) => {
+                let cover = &self.covers[index];
+                let on = cover.tag.map_or(Part::Shoe(cover.side), Part::Tag);
+                return match (cover.from_s..cover.to_s).contains(&time_s) {
+                    true => self.pose(on, walker, time_s),
+                    false => nowhere,
+                };
+            }
         };
         let foot = walker.foot(side, time_s);
         if let Part::Shoe(_) = part {
@@ -139,6 +225,7 @@ impl Wearer {
 pub(super) struct UnlitWearer {
     meshes: Vec<(Part, Mesh)>,
     tags: Vec<ShoeTag>,
+    covers: Vec<Cover>,
 }
 
 impl UnlitWearer {
@@ -161,6 +248,7 @@ impl UnlitWearer {
                 .map(|(part, mesh)| (*part, lit(mesh)))
                 .collect(),
             tags: self.tags,
+            covers: self.covers,
         }
     }
 }
@@ -181,19 +269,99 @@ fn shoe(leather: Stuff, sole: Stuff) -> Mesh {
     mesh
 }
 
-/// Adds a tag, and the plate under it.
-fn put_on(mesh: &mut Mesh, tag: &ShoeTag, print: [Stuff; 2]) {
-    let place = |p: Vector3<f64>| tag.position + tag.rotation * p;
-    let plate = tag.size_m * 1.25;
-    let behind = tag.position + tag.rotation * Vector3::new(0.0, 0.0, 0.004);
+/// A tag with the plate under it, in the tag's frame.
+fn plate(tag: &ShoeTag, print: [Stuff; 2]) -> Mesh {
+    let mut mesh = Mesh::default();
+    let side = tag.size_m * 1.25;
     mesh.cuboid(
-        behind,
-        Vector3::new(plate, plate, 0.006),
-        tag.rotation,
+        Vector3::new(0.0, 0.0, 0.004),
+        Vector3::new(side, side, 0.006),
+        UnitQuaternion::identity(),
         1.0,
         print[1],
     );
-    tag::draw(mesh, tag.id, tag.size_m, place, print);
+    tag::draw(&mut mesh, tag.id, tag.size_m, |p| p, print);
+    mesh
+}
+
+/// What faults put over tags and shoes.
+fn over_tags(
+    b: &mut Builder,
+    tags: &[ShoeTag],
+    faults: &WearerFaults,
+    cloth: Stuff,
+    instance: u16,
+) -> Vec<(Cover, Mesh)> {
+    let mut covers = Vec::new();
+    let mut mud = None;
+    let mut mud = |b: &mut Builder| {
+        *mud.get_or_insert_with(|| Stuff {
+            // The grain of the cloth.
+            material: b.material_like(cloth.material, [0.09, 0.07, 0.05], [0.13, 0.1, 0.07]),
+            instance,
+        })
+    };
+    for (index, tag) in tags.iter().enumerate() {
+        let cell = tag.size_m / tag::CELLS as f64;
+        let half = 0.5 * tag.size_m + cell;
+        let mut over = |fault: &Fault, mesh: Mesh| {
+            let cover = Cover {
+                tag: Some(index),
+                side: tag.side,
+                from_s: fault.from_s,
+                to_s: fault.to_s,
+            };
+            covers.push((cover, mesh));
+        };
+        // Seen from outside, against z: x to the right, y down.
+        let quad = |mesh: &mut Mesh, [x0, x1]: [f64; 2], [y0, y1]: [f64; 2], z: f64, stuff| {
+            let at = |x, y| Vector3::new(x, y, -z);
+            let corners = [at(x0, y1), at(x1, y1), at(x1, y0), at(x0, y0)];
+            mesh.quad(corners, [x0 - half, y0 - half], stuff);
+        };
+        for fault in faults.of_foot(Kind::TagDirt, tag.side) {
+            let mut mesh = Mesh::default();
+            let across = tag::CELLS as u64 + 2;
+            let draw = |n: u64| random::uniform(faults.seed(), DIRT + tag.id as u64, n);
+            for n in (0..across * across).filter(|n| draw(4 * n) < fault.strength) {
+                let size = (0.8 + 0.6 * draw(4 * n + 1)) * cell;
+                let [x, y] = [(n % across, 2), (n / across, 3)]
+                    .map(|(k, stream)| (k as f64 + 0.6 * draw(4 * n + stream) - 0.3) * cell - half);
+                let within = |v: f64| v.clamp(-half, half);
+                let [x, y] = [x, y].map(|v| [within(v), within(v + size)]);
+                quad(&mut mesh, x, y, DIRT_M, mud(b));
+            }
+            over(fault, mesh);
+        }
+        for fault in faults.of_foot(Kind::TagCovered, tag.side) {
+            let mut mesh = Mesh::default();
+            let y = [-half, 2.0 * half * fault.strength - half];
+            quad(&mut mesh, [-half, half], y, COVER_M, mud(b));
+            over(fault, mesh);
+        }
+    }
+    for side in [Side::Left, Side::Right] {
+        for fault in faults.of_foot(Kind::Trousers, side) {
+            let own = tags.iter().filter(|tag| tag.side == side);
+            let top = own.flat_map(|tag| {
+                let corners = tag::corners(1.25 * tag.size_m);
+                corners.map(|corner| (tag.position + tag.rotation * corner).z)
+            });
+            let z = top.fold(0.11, f64::max) + COVER_M;
+            let middle = Vector3::new(CLOTH_X + 0.5 * fault.strength, 0.0, z);
+            let size = Vector3::new(fault.strength, 2.0 * CLOTH_HALF_WIDTH_M, 0.004);
+            let mut mesh = Mesh::default();
+            mesh.cuboid(middle, size, UnitQuaternion::identity(), 0.1, cloth);
+            let cover = Cover {
+                tag: None,
+                side,
+                from_s: fault.from_s,
+                to_s: fault.to_s,
+            };
+            covers.push((cover, mesh));
+        }
+    }
+    covers
 }
 
 fn limb(ends_m: [f64; 2], radii: [f64; 2], stuff: Stuff) -> Mesh {
@@ -254,8 +422,8 @@ mod tests {
             let rig = walker.rig(t);
             let ahead = rig.rotation * Vector3::x();
             for side in [Side::Left, Side::Right] {
-                let (ankle, shank) = Wearer::pose(Part::Shank(side), &walker, t);
-                let (knee, thigh) = Wearer::pose(Part::Thigh(side), &walker, t);
+                let (ankle, shank) = scene.wearer.pose(Part::Shank(side), &walker, t);
+                let (knee, thigh) = scene.wearer.pose(Part::Thigh(side), &walker, t);
                 let knee_of_shank = ankle + shank * Vector3::z() * shank_m;
                 assert!((knee_of_shank - knee).norm() < 1e-9, "{t} {side:?}");
                 let hip = knee + thigh * Vector3::z() * thigh_m;

@@ -28,11 +28,18 @@ pub struct GroundTruth<'a> {
 pub struct TagObservation {
     /// Id in the family 36h11.
     pub id: usize,
-    /// Whether the whole tag faces the camera, is inside the image and unoccluded.
-    pub visible: bool,
+    /// Share of the tag that faces the camera, is inside the image and unoccluded.
+    pub visible_share: f64,
     /// Corners of the black square: column and row, px, pixel centers at integers, in the order of
     /// [`tag::corners`].
     pub corners: [[f64; 2]; 4],
+}
+
+impl TagObservation {
+    /// Whether the whole tag is visible.
+    pub fn is_visible(&self) -> bool {
+        self.visible_share == 1.0
+    }
 }
 
 impl<'a> GroundTruth<'a> {
@@ -77,20 +84,25 @@ impl<'a> GroundTruth<'a> {
     /// outside the image.
     pub fn tags(&self, eye: usize, truth: &Truth) -> Vec<TagObservation> {
         let tags = self.simulation.scene().wearer.tags.iter();
-        tags.filter_map(|tag| self.tag(eye, truth, tag)).collect()
+        tags.enumerate()
+            .filter_map(|(index, tag)| self.tag(eye, truth, index, tag))
+            .collect()
     }
 
-    fn tag(&self, eye: usize, truth: &Truth, tag: &ShoeTag) -> Option<TagObservation> {
+    fn tag(
+        &self,
+        eye: usize,
+        truth: &Truth,
+        index: usize,
+        tag: &ShoeTag,
+    ) -> Option<TagObservation> {
         let scene = self.simulation.scene();
         let placed = self.simulation.placed(&self.limbs);
-        let limb = self
-            .limbs
-            .iter()
-            .position(|l| l.part == Part::Shoe(tag.side))?;
+        let limb = self.limbs.iter().position(|l| l.part == Part::Tag(index))?;
         // The limbs are the last bodies.
         let body = placed.len() - self.limbs.len() + limb;
         let project = |x: f64, y: f64| {
-            let point = tag.position + tag.rotation * nalgebra::Vector3::new(x, y, 0.0);
+            let point = nalgebra::Vector3::new(x, y, 0.0);
             self.eyes[eye].project(scene, &placed, truth, body, point)
         };
         let mut corners = [[0.0; 2]; 4];
@@ -104,13 +116,18 @@ impl<'a> GroundTruth<'a> {
         let at = |k: u32| {
             (f64::from(k) / f64::from(SAMPLES_PER_SIDE - 1) - 0.5) * tag.size_m * SAMPLE_EXTENT
         };
-        let shown = |k: u32| {
+        let shown = |k: &u32| {
             project(at(k % SAMPLES_PER_SIDE), at(k / SAMPLES_PER_SIDE))
                 .is_some_and(|point| point.shown)
         };
+        let samples = SAMPLES_PER_SIDE * SAMPLES_PER_SIDE;
+        let visible = match area < 0.0 {
+            true => (0..samples).filter(shown).count(),
+            false => 0,
+        };
         Some(TagObservation {
             id: tag.id,
-            visible: area < 0.0 && (0..SAMPLES_PER_SIDE * SAMPLES_PER_SIDE).all(shown),
+            visible_share: visible as f64 / f64::from(samples),
             corners,
         })
     }

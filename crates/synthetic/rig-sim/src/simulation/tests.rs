@@ -1,7 +1,9 @@
 use super::*;
 use crate::camera::Shutter;
+use crate::faults::{Fault, Faults, Kind as FaultKind};
 use crate::lens::Lens;
 use crate::scene::surface::Class;
+use crate::walker::Side;
 
 fn settings() -> Settings {
     Settings {
@@ -309,7 +311,7 @@ fn tag_corners_move_with_the_feet() {
                 assert!(off < most, "{time_ns}: {found:?}, expected {expected:?}");
                 compared += 1;
             }
-            if seen.visible {
+            if seen.is_visible() {
                 visible += 1;
                 let [a, _, c, _] = seen.corners;
                 let (u, v) = (0.5 * (a[0] + c[0]), 0.5 * (a[1] + c[1]));
@@ -322,6 +324,126 @@ fn tag_corners_move_with_the_feet() {
         compared > 100 && visible > 32,
         "{compared} corners, {visible} tags"
     );
+}
+
+/// Faults of one kind on the left foot for the whole walk.
+fn on_left_foot(kind: FaultKind, strength: f64) -> WearerFaults {
+    let fault = Fault {
+        kind,
+        strength,
+        from_s: 0.0,
+        to_s: f64::INFINITY,
+        camera: None,
+        foot: Some(Side::Left),
+    };
+    let faults = Faults {
+        list: vec![fault],
+        seed: 5,
+    };
+    faults.of_wearer()
+}
+
+/// The tags in the left eye of the feet camera at 20 instants.
+fn tags_with(faults: &WearerFaults) -> Vec<Vec<TagObservation>> {
+    let settings = Settings {
+        kind: Kind::Room,
+        ..settings()
+    };
+    let simulation = Simulation::with_wearer_faults(&settings, &example(), faults).unwrap();
+    let camera = (simulation.cameras().iter()).position(|camera| camera.name == "feet");
+    let mut ground_truth = simulation.ground_truth(camera.unwrap());
+    let tags = |k: i64| {
+        let truth = ground_truth.render(0, 1_000_000_000 + 300_000_000 * k);
+        ground_truth.tags(0, &truth)
+    };
+    (0..20).map(tags).collect()
+}
+
+/// Mean visible share of the left and of the right tag where they are visible without faults, and
+/// the displacement of the left one, px RMS.
+fn compared(with: &[Vec<TagObservation>], clean: &[Vec<TagObservation>]) -> ([f64; 2], f64) {
+    let (mut shares, mut counts, mut squares) = ([0.0; 2], [0.0; 2], 0.0);
+    for (found, clean) in with.iter().zip(clean) {
+        for clean in clean.iter().filter(|tag| tag.is_visible()) {
+            let same = found.iter().find(|tag| tag.id == clean.id);
+            shares[clean.id] += same.map_or(0.0, |tag| tag.visible_share);
+            counts[clean.id] += 1.0;
+            if let (0, Some(tag)) = (clean.id, same) {
+                let moved = tag.corners.iter().zip(&clean.corners);
+                let square =
+                    |(a, b): (&[f64; 2], &[f64; 2])| (a[0] - b[0]).powi(2) + (a[1] - b[1]).powi(2);
+                squares += moved.map(square).sum::<f64>() / 4.0;
+            }
+        }
+    }
+    let shares = [0, 1].map(|id| shares[id] / counts[id]);
+    (shares, (squares / counts[0]).sqrt())
+}
+
+#[test]
+fn faults_hide_and_move_the_tag_of_their_foot_only() {
+    let clean = tags_with(&WearerFaults::default());
+    let with = |kind, strength| compared(&tags_with(&on_left_foot(kind, strength)), &clean);
+    for kind in [FaultKind::TagDirt, FaultKind::TagCovered] {
+        let mut last = 1.0;
+        for strength in [0.2, 0.6] {
+            let ([left, right], moved) = with(kind, strength);
+            let hidden = 1.0 - left;
+            assert!(
+                (0.5 * strength..1.6 * strength).contains(&hidden),
+                "{kind:?} {strength}: {left}"
+            );
+            assert!(
+                left < last && right == 1.0 && moved == 0.0,
+                "{kind:?} {strength}: {right}"
+            );
+            last = left;
+        }
+    }
+    let ([half, right], _) = with(FaultKind::Trousers, 0.1);
+    let ([none, _], _) = with(FaultKind::Trousers, 0.18);
+    assert!(
+        none < 0.05 && (0.1..0.9).contains(&half) && right == 1.0,
+        "{half} {none}"
+    );
+    let ([left, right], _) = with(FaultKind::TagLost, 1.0);
+    assert_eq!([left, right], [0.0, 1.0]);
+    let ([left, _], small) = with(FaultKind::TagSlip, 0.005);
+    let (_, large) = with(FaultKind::TagSlip, 0.01);
+    assert!(
+        left > 0.8 && small > 0.2 && (1.8..2.2).contains(&(large / small)),
+        "{left} {small} {large}"
+    );
+}
+
+#[test]
+fn wearer_faults_of_strength_0_change_nothing() {
+    let list = FaultKind::ALL.map(|kind| Fault {
+        kind,
+        strength: 0.0,
+        from_s: 0.0,
+        to_s: f64::INFINITY,
+        camera: None,
+        foot: None,
+    });
+    let faults = Faults {
+        list: list.to_vec(),
+        seed: 9,
+    };
+    let with = Simulation::with_wearer_faults(&settings(), &example(), &faults.of_wearer());
+    let without = Simulation::new(&settings(), &example()).unwrap();
+    let [with, without] = [with.unwrap(), without].map(Arc::new);
+    for camera in 0..3 {
+        let [a, b] = [&with, &without].map(|s| s.frames(camera).nth(1).unwrap());
+        assert!(a == b, "camera {camera}");
+    }
+    for k in 0..100 {
+        let t = 0.05 * f64::from(k);
+        assert_eq!(with.walker.rig(t).position, without.walker.rig(t).position);
+        for side in [Side::Left, Side::Right] {
+            assert_eq!(with.walker.foot(side, t), without.walker.foot(side, t));
+        }
+    }
 }
 
 #[test]

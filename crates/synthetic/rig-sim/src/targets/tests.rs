@@ -326,6 +326,7 @@ fn corners_move_after_a_camera_shift() {
             from_s: 10.0,
             to_s: f64::INFINITY,
             camera: Some("left_shoulder".to_owned()),
+            foot: None,
         }],
         seed: 1,
     };

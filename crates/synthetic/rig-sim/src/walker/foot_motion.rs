@@ -116,8 +116,16 @@ fn bump(t: f64) -> f64 {
     16.0 * (t * (1.0 - t)).powi(2)
 }
 
-/// A foot in the air, at a time as a ratio of the swing.
+/// A foot in the air, in a step or a jump, at a time as a ratio of the swing.
 pub(super) fn swinging(from: &Footfall, to: &Footfall, avoidance: &Avoidance, t: f64) -> FootState {
+    if to.jump_m > 0.0 {
+        return FootState {
+            position: from.position.lerp(&to.position, t)
+                + Vector3::z() * (4.0 * to.jump_m * t * (1.0 - t)),
+            rotation: from.rotation,
+            phase: Phase::Swing,
+        };
+    }
     let seconds = to.strike_s - from.off_s;
     let (p0, _) = rolled(from, TIP_X, from.off_pitch_rad);
     let (p1, _) = rolled(to, HEEL_X, to.strike_pitch_rad);

@@ -84,6 +84,8 @@ pub struct Footfall {
     pub clearance_m: f64,
     /// Shift of the horizontal speed to later times in the swing before, as a ratio of the swing.
     pub delay: f64,
+    /// Height of the jump before, m; 0 for a step.
+    pub jump_m: f64,
 }
 
 impl Footfall {
@@ -104,6 +106,7 @@ impl Footfall {
             off_pitch_rad: 0.0,
             clearance_m: 0.0,
             delay: 0.0,
+            jump_m: 0.0,
         }
     }
 

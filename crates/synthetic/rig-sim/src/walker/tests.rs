@@ -2,6 +2,7 @@ use super::gait::{HEEL_X, TOE_X};
 use super::*;
 use std::sync::Arc;
 
+use crate::faults::{Fault, Faults, Kind as FaultKind};
 use crate::scene::{Kind, by_day};
 
 fn walk_in(kind: Kind, seconds: f64) -> (Arc<Scene>, Walker) {
@@ -229,4 +230,93 @@ fn wearers_differ() {
         assert!(steps[k].strike_pitch_rad != steps[other].strike_pitch_rad);
         assert!(steps[k].strike_s != steps[other].strike_s);
     }
+}
+
+/// A walk with a fault on both feet from 3 s on.
+fn walk_with(kind: FaultKind, strength: f64) -> (Arc<Scene>, Walker) {
+    let fault = Fault {
+        kind,
+        strength,
+        from_s: 3.0,
+        to_s: f64::INFINITY,
+        camera: None,
+        foot: None,
+    };
+    let faults = Faults {
+        list: vec![fault],
+        seed: 1,
+    };
+    let scene = by_day(Kind::Pavement, 1);
+    let walker = Walker::with_faults(&scene, 1, 15.0, &faults.of_wearer());
+    (scene, walker)
+}
+
+#[test]
+fn feet_slide_and_sink_in_every_stance() {
+    let (_, exact) = walk(15.0);
+    let (_, slides) = walk_with(FaultKind::FootSlip, 0.05);
+    let (_, sinks) = walk_with(FaultKind::SoftGround, 0.04);
+    for side in [Side::Left, Side::Right] {
+        let falls = exact.contacts(side);
+        for (fall, next) in falls.iter().zip(&falls[1..]) {
+            let (flat, heel_off) = Walker::flat_phase(fall);
+            let acts = fall.strike_s >= 3.0;
+            let moved = slides.foot(side, heel_off).position - exact.foot(side, heel_off).position;
+            let expected = if acts { 0.05 } else { 0.0 };
+            if heel_off - flat > SLIDE_S {
+                assert!(
+                    (moved.norm() - expected).abs() < 1e-9,
+                    "{} {moved}",
+                    fall.strike_s
+                );
+            }
+            let sunk = exact.foot(side, flat).position.z - sinks.foot(side, flat).position.z;
+            let expected = if acts { 0.04 } else { 0.0 };
+            assert!((sunk - expected).abs() < 1e-9, "{} {sunk}", fall.strike_s);
+            // Feet move without jumps between stances.
+            for walker in [&slides, &sinks] {
+                let mut last = walker.foot(side, fall.strike_s).position;
+                let steps = ((next.strike_s - fall.strike_s) / 0.005) as i32;
+                for k in 0..=steps {
+                    let here = walker
+                        .foot(side, fall.strike_s + 0.005 * f64::from(k))
+                        .position;
+                    assert!((here - last).norm() < 0.06, "{} {k}", fall.strike_s);
+                    last = here;
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn wearer_stops_and_jumps_with_both_feet() {
+    let (_, walker) = walk_with(FaultKind::Jump, 0.2);
+    let flight = (8.0_f64 * 0.2 / 9.81).sqrt();
+    let is_air =
+        |t: f64| [Side::Left, Side::Right].map(|s| walker.foot(s, t).phase == Phase::Swing);
+    let air: Vec<f64> = (0..3000)
+        .map(|k| 0.005 * f64::from(k))
+        .filter(|&t| is_air(t) == [true; 2])
+        .collect();
+    // The wearer of this seed does not run before.
+    let (from, to) = (air[0], air[air.len() - 1]);
+    assert!(
+        (to - from - flight).abs() < 0.02 && from > 4.0,
+        "{from} {to}"
+    );
+    let top = 0.5 * (from + to);
+    for side in [Side::Left, Side::Right] {
+        let rise = walker.foot(side, top).position.z - walker.foot(side, from - 0.02).position.z;
+        assert!((rise - 0.2).abs() < 0.002, "{rise}");
+        let falls = walker.contacts(side);
+        assert!(falls.iter().any(|f| (f.off_s - from).abs() < 0.01));
+        assert!(falls.iter().any(|f| (f.strike_s - to).abs() < 0.01));
+    }
+    let chest = walker.rig(top).position.z - walker.rig(from - 1.0).position.z;
+    assert!((0.17..0.23).contains(&chest), "{chest}");
+    // Nearly weightless in flight.
+    let weight = walker.rig(top).acceleration.z + 9.81;
+    assert!(weight.abs() < 1.0, "{weight}");
+    assert!(walker.rig(15.0).position.xy() != walker.rig(to + 0.5).position.xy());
 }
