@@ -11,6 +11,7 @@ mod camera_imu;
 mod compare;
 mod depth;
 mod encode;
+mod feet_camera;
 mod foreign;
 mod frame_sync;
 mod frames_kept;
@@ -71,6 +72,7 @@ const BENCHMARKS: &[(&str, Run)] = &[
     ("camera_imu", camera_imu::run),
     ("depth", depth::run),
     ("encode", encode::run),
+    ("feet_camera", feet_camera::run),
     ("foreign", foreign::run),
     ("frame_sync", frame_sync::run),
     ("frames_kept", frames_kept::run),

@@ -36,7 +36,7 @@ pub(crate) mod monte_carlo;
 mod options;
 mod plain;
 mod real;
-mod results;
+pub(crate) mod results;
 mod run;
 pub(crate) mod scale;
 mod settings;

@@ -107,6 +107,7 @@ impl Recording {
                 from_s: 0.5 * SECONDS,
                 to_s: f64::INFINITY,
                 camera: Some("left_shoulder".to_owned()),
+                foot: None,
             });
         }
         Ok(Self {

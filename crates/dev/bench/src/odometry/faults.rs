@@ -162,6 +162,7 @@ fn faults(kind: Kind, strength: f64) -> Faults {
         from_s: FROM_S,
         to_s: TO_S,
         camera: (kind == Kind::ShiftedCamera).then(|| SHIFTED.to_owned()),
+        foot: None,
     };
     Faults {
         list: vec![fault],

@@ -297,7 +297,7 @@ fn over_tags(
     let mut mud = |b: &mut Builder| {
         *mud.get_or_insert_with(|| Stuff {
             // The grain of the cloth.
-            material: b.material_like(cloth.material, [0.09, 0.07, 0.05], [0.13, 0.1, 0.07]),
+            material: b.material_like(cloth.material, [0.2, 0.16, 0.11], [0.26, 0.21, 0.15]),
             instance,
         })
     };
