@@ -1,0 +1,34 @@
+//! Configuration of the template fit.
+
+use estimator_config::config;
+
+config! {
+    /// Configuration of [`fit`](crate::fit()).
+    pub struct Config {
+        /// Maximum number of iterations.
+        pub max_iterations: usize = 12,
+        /// Motion of the corners in an iteration at which the fit has converged, cells.
+        pub converged_cells: f64 = 0.002,
+        /// Noise of a pixel that no fit is better than, gray levels.
+        pub noise_levels: f64 = 2.0,
+        /// Residuals beyond this multiple of their median count less.
+        pub robust_ratio: f64 = 2.5,
+        /// Blur of lens and sensor, and its prior, px.
+        pub blur_px: f64 = 0.7,
+        /// Uncertainty of the logarithm of the blur.
+        pub blur_sigma: f64 = 0.5,
+        /// Exponent of the tone curve: gray levels are proportional to this power of light. 0.45
+        /// for sRGB and most video.
+        pub tone: f64 = 0.45,
+        /// Uncertainty of that exponent.
+        pub tone_sigma: f64 = 0.1,
+        /// Minimum difference of white and black, gray levels.
+        pub min_contrast_levels: f64 = 12.0,
+        /// Minimum share of the tag's cells inside the image.
+        pub min_share: f64 = 0.5,
+        /// Maximum number of wrong bits of a tag of known identity.
+        pub max_wrong_bits: u32 = 5,
+        /// Standard deviation of a corner below which no fit is trusted, px.
+        pub corner_floor_px: f64 = 0.03,
+    }
+}
