@@ -58,6 +58,11 @@ impl Blur {
         })
     }
 
+    /// How far the blur reaches along both axes, with these sigmas of lens and pixel, cells.
+    pub(crate) fn reach_cells(&self, sigmas: f64) -> [f64; 2] {
+        [0, 1].map(|k| sigmas * self.sigma[k] + 0.5 * self.motion[k].abs())
+    }
+
     /// Share of a cell in the pattern at its middle.
     pub(crate) fn own_share(&self) -> f64 {
         let root = std::f64::consts::FRAC_1_SQRT_2;

@@ -14,6 +14,9 @@ use crate::view::Motion;
 const HIDDEN: f64 = 0.4;
 const WRONG: f64 = 0.5;
 
+/// Minimum share of a cell in the pattern at its middle by which deviations are scaled.
+const MIN_SHARE: f64 = 0.4;
+
 /// Mean deviations of the cells of a tag in an eye.
 #[derive(Clone, Debug)]
 pub(crate) struct Cells {
@@ -50,7 +53,8 @@ impl Cells {
             sums[cell][0] += weight * (found - expected);
             sums[cell][1] += weight;
         });
-        let own = blur.own_share();
+        // Where cells are blurred into each other, a deviation of all of them is noise.
+        let own = blur.own_share().max(MIN_SHARE);
         let deviation = |[sum, weight]: [f64; 2]| (weight > 0.05).then(|| sum / weight / own);
         Self {
             deviations: sums.into_iter().map(deviation).collect(),

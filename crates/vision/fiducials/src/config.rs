@@ -28,7 +28,12 @@ config! {
         pub min_share: f64 = 0.5,
         /// Maximum number of wrong bits of a tag of known identity.
         pub max_wrong_bits: u32 = 5,
-        /// Standard deviation of a corner below which no fit is trusted, px.
-        pub corner_floor_px: f64 = 0.03,
+        /// Maximum robust cost of a second pose above that of the first, in units of the noise of
+        /// pixels: three sigmas squared. Neighboring pixels share their errors, hence more.
+        pub max_excess_cost: f64 = 30.0,
+        /// Minimum rotation between two poses that count as two, rad.
+        pub min_other_rad: f64 = 0.03,
+        /// Standard deviation of a corner below which no fit is trusted, as a share of the blur.
+        pub corner_floor_ratio: f64 = 0.06,
     }
 }

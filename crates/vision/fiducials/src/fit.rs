@@ -14,6 +14,7 @@ use crate::cells::Cells;
 use crate::config::Config;
 use crate::linearization::{Linearization, Problem, State};
 use crate::patch::{Patch, Selection};
+use crate::planar_pose::mirrored;
 use crate::tag::Tag;
 use crate::view::{Motion, View};
 
@@ -32,8 +33,19 @@ pub struct Fit {
     pub visible_share: Vec<f64>,
     /// Bits that contradict the tag's code, in the eye in which fewest do.
     pub wrong_bits: u32,
-    /// Sum of the robust residuals in units of their noise.
-    pub cost: f64,
+    /// The tag tilted the other way, if its gray values contradict that hardly more.
+    pub other: Option<Minimum>,
+}
+
+/// A second pose that explains the gray values of a tag.
+#[derive(Clone, Debug)]
+pub struct Minimum {
+    /// Takes points of the tag to the reference frame, at the middle row of the images.
+    pub reference_from_tag: RigidTransform,
+    /// Covariance, as of [`Fit`].
+    pub covariance: Matrix6<f64>,
+    /// Robust cost minus that of the first pose, in units of the noise of pixels.
+    pub excess_cost: f64,
 }
 
 /// Rotation about the axes in the plane that moves a corner, relative to rotation in the plane.
@@ -65,15 +77,31 @@ pub fn fit(
     // Pixels are selected by the pose, the blur and what hides the tag: again once these are known.
     let first = fitter.solve(&aligned, &all)?;
     let second = fitter.solve(&first.state.pose, &first.selections)?;
-    let fit = Fit {
-        reference_from_tag: second.state.pose,
-        covariance: second.at.covariance(tag, config)?,
-        rms_levels: second.at.rms_levels,
-        visible_share: second.visible_share,
-        wrong_bits: second.wrong_bits,
-        cost: second.at.cost,
+    if second.wrong_bits > config.max_wrong_bits {
+        return None;
+    }
+    let other = fitter.other(&second, &first.selections);
+    let (best, other) = match other {
+        Some((other, excess)) if excess < 0.0 => (other, Some((second, -excess))),
+        other => (second, other),
     };
-    (fit.wrong_bits <= config.max_wrong_bits).then_some(fit)
+    let minimum = |(solution, excess_cost): (Solution, f64)| {
+        Some(Minimum {
+            reference_from_tag: solution.state.pose,
+            covariance: solution.at.covariance(tag, config)?,
+            excess_cost,
+        })
+    };
+    Some(Fit {
+        reference_from_tag: best.state.pose,
+        covariance: best.at.covariance(tag, config)?,
+        rms_levels: best.at.rms_levels,
+        visible_share: best.visible_share,
+        wrong_bits: best.wrong_bits,
+        other: other
+            .filter(|(_, excess)| *excess < config.max_excess_cost)
+            .and_then(minimum),
+    })
 }
 
 struct Fitter<'a> {
@@ -91,6 +119,8 @@ struct Solution {
     selections: Vec<Selection>,
     visible_share: Vec<f64>,
     wrong_bits: u32,
+    /// The first view that was used.
+    first_eye: usize,
 }
 
 impl<'a> Fitter<'a> {
@@ -106,12 +136,7 @@ impl<'a> Fitter<'a> {
     /// The pose near a start from the pixels that count.
     fn solve(&self, start: &RigidTransform, selections: &[Selection]) -> Option<Solution> {
         let patches = self.patches(start, selections);
-        let problem = Problem {
-            patches: &patches,
-            tag: self.tag,
-            motion: self.motion,
-            config: self.config,
-        };
+        let problem = self.problem(&patches);
         let mut state = problem.start(start)?;
         let mut noise = problem.noise(&state)?;
         let mut at = problem.linearize(&state, noise)?;
@@ -143,6 +168,34 @@ impl<'a> Fitter<'a> {
         self.judged(&problem, state, at)
     }
 
+    /// The solution with the tag tilted the other way, and its cost above that of the first one;
+    /// `None` if there is no second minimum.
+    fn other(&self, first: &Solution, selections: &[Selection]) -> Option<(Solution, f64)> {
+        let eye_from_reference = self.views[first.first_eye].eye_from_reference;
+        let start = mirrored(&(eye_from_reference * first.state.pose))?;
+        let other = self.solve(&(eye_from_reference.inverse() * start), selections)?;
+        let between = first.state.pose.inverse() * other.state.pose;
+        if between.angle_rad() < self.config.min_other_rad {
+            return None;
+        }
+        // By the same pixels and the same noise.
+        let patches = self.patches(&first.state.pose, selections);
+        let problem = self.problem(&patches);
+        let noise = problem.noise(&first.state)?;
+        let [cost, least] = [&other.state, &first.state]
+            .map(|state| problem.linearize(state, noise).map(|at| at.cost));
+        Some((other, cost? - least?))
+    }
+
+    fn problem<'p>(&'p self, patches: &'p [Patch<'p>]) -> Problem<'p> {
+        Problem {
+            patches,
+            tag: self.tag,
+            motion: self.motion,
+            config: self.config,
+        }
+    }
+
     /// The solution with what each eye sees of the tag.
     fn judged(&self, problem: &Problem<'_>, state: State, at: Linearization) -> Option<Solution> {
         let all = Selection::all(self.tag, self.config);
@@ -170,6 +223,7 @@ impl<'a> Fitter<'a> {
             selections,
             visible_share,
             wrong_bits,
+            first_eye: problem.patches.first()?.eye,
         })
     }
 

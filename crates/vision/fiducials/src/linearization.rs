@@ -6,7 +6,7 @@ use nalgebra::{DMatrix, DVector, Matrix6};
 use crate::blur::Blur;
 use crate::config::Config;
 use crate::levels::Levels;
-use crate::patch::{Patch, pixel_area};
+use crate::patch::Patch;
 use crate::tag::Tag;
 use crate::tone::Tone;
 use crate::view::{Motion, by_motion};
@@ -62,8 +62,8 @@ pub(crate) struct Linearization {
     pub(crate) cost: f64,
     /// Residual of the pixels, weighted, levels.
     pub(crate) rms_levels: f64,
-    /// Side of a pixel on the tag in the nearest eye, m.
-    pixel_m: f64,
+    /// Blur on the tag in the sharpest eye, m.
+    blur_m: f64,
 }
 
 impl Linearization {
@@ -83,7 +83,7 @@ impl Linearization {
         let pose = inverse.fixed_view::<6, 6>(0, 0).into_owned();
         let half = 0.5 * tag.size_m;
         let in_plane = 0.5 * (pose[(3, 3)] + pose[(4, 4)]) + pose[(2, 2)] * half * half;
-        let floor = (config.corner_floor_px * self.pixel_m).powi(2);
+        let floor = (config.corner_floor_ratio * self.blur_m).powi(2);
         Some(pose * (1.0 + floor / in_plane.max(1e-18)))
     }
 }
@@ -121,7 +121,7 @@ impl Problem<'_> {
             (levels.contrast() > self.config.min_contrast_levels).then_some(levels)
         };
         let levels: Vec<Levels> = self.patches.iter().map(levels).collect::<Option<_>>()?;
-        (!levels.is_empty()).then(|| State {
+        (!levels.is_empty()).then_some(State {
             pose: *pose,
             log_blur: 0.0,
             tone: self.config.tone,
@@ -230,17 +230,19 @@ impl Problem<'_> {
             hessian[(k, k)] += 1.0 / (sigma * sigma);
         }
         hessian.fill_lower_triangle_with_upper_triangle();
-        let sides = self
-            .patches
-            .iter()
-            .map(|patch| Some(pixel_area(&patch.view, self.tag, &state.pose, self.motion)?.sqrt()));
-        let sides: Vec<f64> = sides.collect::<Option<_>>()?;
+        let blurs = self.patches.iter().map(|patch| {
+            let [x, y] = self
+                .blur(patch, &state.pose, state.log_blur)?
+                .reach_cells(1.0);
+            Some((x * y).sqrt() * self.tag.cell_m())
+        });
+        let blurs: Vec<f64> = blurs.collect::<Option<_>>()?;
         Some(Linearization {
             hessian,
             gradient,
             cost,
             rms_levels: (squares / weights.max(1.0)).sqrt(),
-            pixel_m: sides.into_iter().fold(f64::INFINITY, f64::min),
+            blur_m: blurs.into_iter().fold(f64::INFINITY, f64::min),
         })
     }
 }

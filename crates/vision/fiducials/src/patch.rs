@@ -3,14 +3,16 @@
 use cad_transforms::RigidTransform;
 use nalgebra::Vector3;
 
+use crate::blur::Blur;
 use crate::config::Config;
 use crate::tag::Tag;
 use crate::view::{Motion, Rays, RowPose, View, window};
 
-/// Distance of the pixels that count from what is around the tag, in sigmas of the blur.
+/// Distance of the pixels that count from what is around the tag, in sigmas of the blur, besides
+/// half of the motion during the exposure.
 const AROUND_SIGMAS: f64 = 2.0;
 /// Minimum extent of these pixels beyond the black square, cells.
-const MIN_AROUND_CELLS: f64 = 0.1;
+const MIN_AROUND_CELLS: f64 = -1.5;
 /// Pixels around the tag of which rays are known.
 const MARGIN_PX: f64 = 2.0;
 /// Standard deviation of a pixel's own width, px.
@@ -72,25 +74,26 @@ impl<'a> Patch<'a> {
         let (from, size) = window(view, tag, pose, MARGIN_PX)?;
         let rays = Rays::new(view.lens, from, size)?;
         let area = pixel_area(view, tag, pose, motion)?;
-        let blur = libm::hypot(selection.blur_px, PIXEL_SIGMA) * area.sqrt() / tag.cell_m();
-        let around = (1.0 - AROUND_SIGMAS * blur).max(MIN_AROUND_CELLS);
-        let most = (tag.half_square_cells() + around) * tag.cell_m();
+        let most = Blur::new(view, tag, pose, motion, selection.blur_px)?
+            .reach_cells(AROUND_SIGMAS)
+            .map(|reach| (1.0 - reach).max(MIN_AROUND_CELLS))
+            .map(|around| (tag.half_square_cells() + around) * tag.cell_m());
         let mut pixels = Vec::with_capacity(size[0] * size[1]);
         for row in from[1]..from[1] + size[1] {
             let row_pose = RowPose::new(view, pose, motion, view.row_s(row));
-            let levels = view.image.row(row);
-            for column in from[0]..from[0] + size[0] {
+            let levels = &view.image.row(row)[from[0]..][..size[0]];
+            for (column, level) in (from[0]..).zip(levels) {
                 let ray = rays.at(column, row);
                 let at = row_pose.meet(&ray)?.at;
-                let counts = at.iter().all(|v| v.abs() < most)
+                let counts = at.iter().zip(most).all(|(v, most)| v.abs() < most)
                     && cell_at(tag, at).is_some_and(|cell| !selection.is_hidden[cell]);
                 if counts {
-                    let level = f64::from(levels[column]);
+                    let level = f64::from(*level);
                     pixels.push(Pixel { ray, row, level });
                 }
             }
         }
-        let expected = 4.0 * most * most / area;
+        let expected = 4.0 * most[0] * most[1] / area;
         let is_enough = pixels.len() as f64 > config.min_share * expected;
         is_enough.then_some(Self {
             eye,

@@ -1,216 +1,139 @@
 use boards::Dictionary;
-use camera_models::{CameraModel, Distortion, Lens};
 use imaging::ImageView;
-use nalgebra::Vector3;
+use nalgebra::Vector6;
 
 use super::*;
-use crate::view::{RowPose, window};
+use crate::planar_pose::poses_from_corners;
+use crate::search::{SearchConfig, Searcher};
+use crate::test_images::{CLEAN, Draw, Imaging, SIZE, lens, render};
 
-const SIZE: [usize; 2] = [160, 120];
-
-fn lens() -> Lens {
-    let distortion = Distortion::RadTan4 {
-        k1: -0.17,
-        k2: 0.025,
-        p1: 2e-4,
-        p2: -1e-4,
-    };
-    Lens::new(&CameraModel::new(
-        (160, 120),
-        [367.0, 367.0, 80.0, 61.0],
-        distortion,
-    ))
-}
-
-/// What a synthetic image differs in.
-#[derive(Clone, Copy)]
-struct Imaging {
-    blur_px: f64,
-    tone: f64,
-    noise: f64,
-    line_s: f64,
-    exposure_s: f64,
-    /// Cells of mud, as a share.
-    dirt: f64,
-}
-
-const CLEAN: Imaging = Imaging {
-    blur_px: 0.7,
-    tone: 0.45,
-    noise: 1.0,
-    line_s: 0.0,
-    exposure_s: 0.0,
-    dirt: 0.0,
+/// Baseline of the eyes, m.
+const BASELINE_M: f64 = 0.063;
+const STILL: Motion = Motion {
+    linear: [0.0; 3],
+    angular: [0.0; 3],
 };
-
-/// Uniform numbers from 0 to 1.
-struct Draw(u64);
-
-impl Draw {
-    fn next(&mut self) -> f64 {
-        self.0 = self
-            .0
-            .wrapping_mul(6_364_136_223_846_793_005)
-            .wrapping_add(1_442_695_040_888_963_407);
-        (self.0 >> 11) as f64 / (1_u64 << 53) as f64
-    }
-
-    fn bell(&mut self) -> f64 {
-        (0..12).map(|_| self.next()).sum::<f64>() - 6.0
-    }
-}
-
-/// Renders a tag by brute force: rays through every pixel, spread over the blur and the exposure.
-fn render(
-    lens: &Lens,
-    tag: &Tag,
-    eye_from_reference: &RigidTransform,
-    pose: &RigidTransform,
-    motion: &Motion,
-    imaging: &Imaging,
-    draw: &mut Draw,
-) -> Vec<u8> {
-    let [width, height] = SIZE;
-    let pixels = vec![0; width * height];
-    let view = View {
-        image: ImageView::packed(width, height, &pixels).unwrap(),
-        lens,
-        eye_from_reference: *eye_from_reference,
-        line_s: imaging.line_s,
-        exposure_s: imaging.exposure_s,
-    };
-    let dirty: Vec<bool> = (0..100).map(|_| draw.next() < imaging.dirt).collect();
-    let light = |pose: &RowPose, column: f64, row: f64| {
-        let ray = lens.unproject([column, row]).unwrap();
-        let Some(point) = pose.meet(&Vector3::from(ray)) else {
-            return 0.2;
-        };
-        let place = point.at.map(|v| v / tag.cell_m() + tag.half_cells());
-        if place.iter().any(|v| *v < 0.0 || *v >= tag.cells() as f64) {
-            return 0.15 + 0.05 * libm::sin(20.0 * point.at[0] / tag.size_m);
-        }
-        let [x, y] = place.map(|v| v as usize);
-        match (dirty[y * 10 + x], tag.is_white(y, x)) {
-            (true, _) => 0.12,
-            (false, true) => 0.6,
-            (false, false) => 0.03,
-        }
-    };
-    let Some((from, size)) = window(&view, tag, pose, 6.0) else {
-        panic!("the tag is in the image")
-    };
-    let samples = samples();
-    let mut image = vec![90; width * height];
-    for row in from[1]..from[1] + size[1] {
-        for column in from[0]..from[0] + size[0] {
-            let mut sum = 0.0;
-            for [dx, dy, t] in &samples {
-                let time_s = view.row_s(row) + imaging.exposure_s * t[0];
-                let pose = RowPose::new(&view, pose, motion, time_s);
-                let [x, y] = [0, 1].map(|k| {
-                    let (box_px, bell) = if k == 0 {
-                        (dx[0], dx[1])
-                    } else {
-                        (dy[0], dy[1])
-                    };
-                    box_px + imaging.blur_px * bell
-                });
-                sum += light(&pose, column as f64 + x, row as f64 + y);
-            }
-            let mean = sum / samples.len() as f64;
-            let level = 255.0 * libm::pow(mean, imaging.tone) + imaging.noise * draw.bell();
-            image[row * width + column] = (level + 0.5).clamp(0.0, 255.0) as u8;
-        }
-    }
-    image
-}
-
-/// Evenly distributed samples of the width of a pixel and a standard normal number, along both
-/// axes, and of the exposure: an additive recurrence with the powers of the inverse of the root of
-/// x^6 = x + 1.
-fn samples() -> Vec<[[f64; 2]; 3]> {
-    const ROOT: f64 = 1.134_724_138_401_519_5;
-    let sample = |n: u32| {
-        let uniform = |k: i32| (0.5 + f64::from(n + 1) * ROOT.powi(-k)).fract();
-        let (radius, angle) = (
-            (-2.0 * libm::log(1.0 - uniform(3))).sqrt(),
-            std::f64::consts::TAU * uniform(4),
-        );
-        [
-            [uniform(1) - 0.5, radius * libm::cos(angle)],
-            [uniform(2) - 0.5, radius * libm::sin(angle)],
-            [uniform(5) - 0.5, 0.0],
-        ]
-    };
-    (0..512).map(sample).collect()
-}
+/// Some 2.5 cells during 8 ms.
+const WALKING: Motion = Motion {
+    linear: [1.9, 1.2, 0.0],
+    angular: [0.0, 0.0, 1.0],
+};
+const ROLLING_S: f64 = 0.0085 / 376.0;
 
 fn transform(rotation: [f64; 3], translation: [f64; 3]) -> RigidTransform {
     RigidTransform::from_rotation_vector(rotation, translation).unwrap()
 }
 
-/// Errors of fits: RMS of rotation about the tag's axes, degrees, and translation along them, mm,
-/// and the mean squared error in stated sigmas per dimension.
-fn errors(tilt_rad: f64, imaging: &Imaging, motion: &Motion, count: u64) -> ([f64; 6], f64, u32) {
-    let tag = Tag::new(Dictionary::AprilTag36h11, 1, 0.06).unwrap();
-    let lens = lens();
-    let right = transform([0.0; 3], [-0.063, 0.0, 0.0]);
-    let eyes = [RigidTransform::identity(), right];
-    let mut squares = [0.0; 6];
-    let (mut nees, mut wrong) = (0.0, 0);
-    for n in 0..count {
-        let mut draw = Draw(1000 + n);
+fn tag() -> Tag {
+    Tag::new(Dictionary::AprilTag36h11, 1, 0.06).unwrap()
+}
+
+/// A tag of 20 px before one or two eyes.
+struct Scene {
+    truth: RigidTransform,
+    eyes: Vec<RigidTransform>,
+    images: Vec<Vec<u8>>,
+    motion: Motion,
+    imaging: Imaging,
+    lens: camera_models::Lens,
+}
+
+impl Scene {
+    fn new(tilt_rad: f64, eyes: usize, imaging: Imaging, motion: Motion, draw: &mut Draw) -> Self {
         let truth = transform(
             [0.1 * draw.bell(), tilt_rad, 0.4 * draw.bell()],
             [0.03 + 0.01 * draw.bell(), 0.02 * draw.bell(), 1.1],
         );
-        let images = eyes.map(|eye| render(&lens, &tag, &eye, &truth, motion, imaging, &mut draw));
-        let views: Vec<View<'_>> = (images.iter().zip(eyes))
-            .map(|(image, eye_from_reference)| View {
+        let lens = lens();
+        let right = transform([0.0; 3], [-BASELINE_M, 0.0, 0.0]);
+        let eyes = [RigidTransform::identity(), right][..eyes].to_vec();
+        let image = |eye| render(&lens, &tag(), eye, &truth, &motion, &imaging, draw);
+        let images = eyes.iter().map(image).collect();
+        Self {
+            truth,
+            eyes,
+            images,
+            motion,
+            imaging,
+            lens,
+        }
+    }
+
+    fn views(&self) -> Vec<View<'_>> {
+        self.images
+            .iter()
+            .zip(&self.eyes)
+            .map(|(image, eye)| View {
                 image: ImageView::packed(SIZE[0], SIZE[1], image).unwrap(),
-                lens: &lens,
-                eye_from_reference,
-                line_s: imaging.line_s,
-                exposure_s: imaging.exposure_s,
+                lens: &self.lens,
+                eye_from_reference: *eye,
+                line_s: self.imaging.line_s,
+                exposure_s: self.imaging.exposure_s,
             })
-            .collect();
-        let start = truth
+            .collect()
+    }
+
+    /// A start as a prediction gives it.
+    fn start(&self, draw: &mut Draw) -> RigidTransform {
+        self.truth
             * transform(
                 [0.05 * draw.bell(), 0.05 * draw.bell(), 0.03 * draw.bell()],
-                [0.001 * draw.bell(), 0.001 * draw.bell(), 0.01 * draw.bell()],
-            );
-        let found = fit(&views, &tag, &start, motion, &Config::default()).expect("a fit");
-        let error = truth.inverse() * found.reference_from_tag;
-        let rotation = error.rotation_vector();
-        let translation = error.translation_m();
-        let vector = nalgebra::Vector6::from_fn(|k, _| {
-            if k < 3 {
-                rotation[k]
-            } else {
-                translation[k - 3]
-            }
-        });
-        for k in 0..6 {
-            let unit = if k < 3 { 57.3 } else { 1e3 };
-            squares[k] += (unit * vector[k]).powi(2) / count as f64;
-        }
-        let inverse = found.covariance.try_inverse().unwrap();
-        nees += (vector.transpose() * inverse * vector)[0] / 6.0 / count as f64;
-        wrong = wrong.max(found.wrong_bits);
+                [0.002 * draw.bell(), 0.002 * draw.bell(), 0.01 * draw.bell()],
+            )
     }
-    (squares.map(f64::sqrt), nees, wrong)
+
+    /// Error of a fit: rotation, rad, and translation, m, along the axes of the tag.
+    fn error(&self, fit: &Fit) -> Vector6<f64> {
+        let error = self.truth.inverse() * fit.reference_from_tag;
+        let ([a, b, c], [x, y, z]) = (error.rotation_vector(), error.translation_m());
+        Vector6::new(a, b, c, x, y, z)
+    }
+
+    fn fit(&self, draw: &mut Draw) -> Option<Fit> {
+        let start = self.start(draw);
+        fit(
+            &self.views(),
+            &tag(),
+            &start,
+            &self.motion,
+            &Config::default(),
+        )
+    }
+}
+
+/// Root mean square error of fits: tilt, degrees, in the plane and along the normal, mm; and the
+/// mean squared error in stated sigmas, by dimension.
+fn errors(tilt_rad: f64, imaging: Imaging, motion: Motion) -> ([f64; 3], f64) {
+    const COUNT: u64 = 6;
+    let (mut squares, mut nees) = (Vector6::zeros(), 0.0);
+    for seed in 0..COUNT {
+        let mut draw = Draw(1000 + seed);
+        let scene = Scene::new(tilt_rad, 2, imaging, motion, &mut draw);
+        let found = scene.fit(&mut draw).expect("a fit");
+        assert!(found.wrong_bits <= 3, "{}", found.wrong_bits);
+        let error = scene.error(&found);
+        squares += error.component_mul(&error) / COUNT as f64;
+        let inverse = found.covariance.try_inverse().unwrap();
+        nees += (error.transpose() * inverse * error)[0] / (6 * COUNT) as f64;
+    }
+    let rms = squares.map(f64::sqrt);
+    let tilt = libm::hypot(rms[0], rms[1]).to_degrees();
+    let plane = 1e3 * libm::hypot(rms[3], rms[4]);
+    ([tilt, plane, 1e3 * rms[5]], nees)
 }
 
 #[test]
-fn print() {
-    let still = Motion::default();
-    let moving = Motion {
-        linear: [0.9, 0.6, 0.0],
-        angular: [0.0, 0.0, 1.0],
+fn pose_of_a_small_tag_is_accurate_under_blur_noise_and_any_tone_curve() {
+    let moving = Imaging {
+        line_s: ROLLING_S,
+        ..CLEAN
     };
-    for (name, tilt, imaging, motion) in [
-        ("fronto", 0.05, CLEAN, still),
-        ("tilted", 0.35, CLEAN, still),
+    /// Tilt, degrees; in the plane and along the normal, mm.
+    type Bounds = [f64; 3];
+    let sharp = [0.4, 0.15, 0.3];
+    let cases: [(&str, f64, Imaging, Motion, Bounds); 7] = [
+        ("facing", 0.05, CLEAN, STILL, sharp),
+        ("tilted", 0.35, CLEAN, STILL, sharp),
         (
             "noisy",
             0.35,
@@ -218,46 +141,146 @@ fn print() {
                 noise: 5.0,
                 ..CLEAN
             },
-            still,
+            STILL,
+            [0.5, 0.4, 1.1],
         ),
-        ("linear", 0.35, Imaging { tone: 1.0, ..CLEAN }, still),
+        ("linear", 0.35, Imaging { tone: 1.0, ..CLEAN }, STILL, sharp),
         (
-            "soft",
+            "out of focus",
             0.35,
             Imaging {
                 blur_px: 1.2,
                 ..CLEAN
             },
-            still,
+            STILL,
+            [1.1, 0.5, 1.0],
         ),
-        ("dirty", 0.35, Imaging { dirt: 0.2, ..CLEAN }, still),
+        ("rolling shutter", 0.35, moving, WALKING, sharp),
         (
-            "rolling",
+            "moving",
             0.35,
             Imaging {
-                line_s: 0.0085 / 376.0,
-                ..CLEAN
-            },
-            moving,
-        ),
-        (
-            "blurred",
-            0.35,
-            Imaging {
-                line_s: 0.0085 / 376.0,
                 exposure_s: 0.008,
-                ..CLEAN
+                ..moving
             },
-            moving,
+            WALKING,
+            [0.8, 0.4, 1.2],
         ),
-    ] {
-        let begin = std::time::Instant::now();
-        let (rms, nees, wrong) = errors(tilt, &imaging, &motion, 10);
-        println!(
-            "{name:8} deg {:.2?} mm {:.2?} nees {nees:.2} wrong {wrong} {:?}",
-            &rms[..3],
-            &rms[3..],
-            begin.elapsed()
+    ];
+    for (name, tilt, imaging, motion, bounds) in cases {
+        let (found, nees) = errors(tilt, imaging, motion);
+        let is_accurate = found
+            .iter()
+            .zip(bounds)
+            .all(|(error, bound)| *error < bound);
+        assert!(is_accurate, "{name}: {found:?}, expected {bounds:?}");
+        assert!((0.1..2.5).contains(&nees), "{name}: NEES {nees}");
+    }
+}
+
+#[test]
+fn mud_is_recognized() {
+    for seed in 0..6 {
+        let mut draw = Draw(2000 + seed);
+        let dirty = Imaging { dirt: 0.2, ..CLEAN };
+        let scene = Scene::new(0.35, 2, dirty, STILL, &mut draw);
+        let found = scene.fit(&mut draw).expect("a fit");
+        let error = scene.error(&found);
+        let translation = error.fixed_rows::<3>(3).norm();
+        assert!(translation < 0.004, "{seed}: {error}");
+        let hidden = found.visible_share.iter().map(|share| 1.0 - share);
+        // Mud on black cells differs little.
+        assert!(
+            hidden.into_iter().all(|h| (0.03..0.3).contains(&h)),
+            "{found:?}"
         );
     }
+}
+
+#[test]
+fn one_eye_has_the_range_from_the_size_of_the_cells() {
+    for seed in 0..6 {
+        let mut draw = Draw(3000 + seed);
+        let noisy = Imaging {
+            noise: 5.0,
+            ..CLEAN
+        };
+        let scene = Scene::new(0.2, 1, noisy, STILL, &mut draw);
+        let error = scene.error(&scene.fit(&mut draw).expect("a fit"));
+        assert!(error[5].abs() < 0.005, "{seed}: {error}");
+    }
+}
+
+#[test]
+fn second_minimum_is_stated_where_noise_hides_which_is_right() {
+    let mut stated = 0;
+    for seed in 0..8 {
+        let mut draw = Draw(5000 + seed);
+        let noisy = Imaging {
+            noise: 8.0,
+            blur_px: 0.9,
+            ..CLEAN
+        };
+        let mut scene = Scene::new(0.25, 1, noisy, STILL, &mut draw);
+        // Twice as far: 10 px.
+        scene.truth = transform(scene.truth.rotation_vector(), [0.05, 0.02, 2.2]);
+        let eye = RigidTransform::identity();
+        let image = render(
+            &scene.lens,
+            &tag(),
+            &eye,
+            &scene.truth,
+            &STILL,
+            &noisy,
+            &mut draw,
+        );
+        scene.images = vec![image];
+        let Some(found) = scene.fit(&mut draw) else {
+            continue;
+        };
+        let angle = |pose: &RigidTransform| (scene.truth.inverse() * *pose).angle_rad();
+        let first = angle(&found.reference_from_tag);
+        let second = found
+            .other
+            .as_ref()
+            .map(|other| angle(&other.reference_from_tag));
+        stated += u32::from(second.is_some());
+        assert!(
+            first.min(second.unwrap_or(f64::INFINITY)) < 0.35,
+            "{seed}: {first} {second:?}"
+        );
+    }
+    assert!(stated >= 4, "{stated} of 8");
+}
+
+#[test]
+fn search_starts_the_fit() {
+    let searcher = Searcher::new(Dictionary::AprilTag36h11, &SearchConfig::default());
+    for seed in 0..6 {
+        let mut draw = Draw(4000 + seed);
+        let scene = Scene::new(0.3, 2, CLEAN, STILL, &mut draw);
+        let views = scene.views();
+        let found = searcher.search(&views[0].image);
+        let [one] = found[..] else {
+            panic!("{found:?}")
+        };
+        assert_eq!((one.id, one.wrong_bits), (1, 0));
+        for (corner, expected) in one.corners.iter().zip(tag().corners()) {
+            let expected = scene.lens.project(scene.truth.apply(expected)).unwrap();
+            assert!(crate::square::distance(*corner, expected) < 1.2, "{one:?}");
+        }
+        let [start, _] = poses_from_corners(&scene.lens, &tag(), &one.corners).unwrap();
+        let found = fit(&views, &tag(), &start, &STILL, &Config::default()).unwrap();
+        assert!(
+            scene.error(&found).fixed_rows::<3>(3).norm() < 0.0006,
+            "{}",
+            scene.error(&found)
+        );
+    }
+    let mut draw = Draw(1);
+    let noise: Vec<u8> = (0..SIZE[0] * SIZE[1])
+        .map(|_| (255.0 * draw.next()) as u8)
+        .collect();
+    let noise = ImageView::packed(SIZE[0], SIZE[1], &noise).unwrap();
+    assert_eq!(searcher.search(&noise), []);
 }

@@ -3,11 +3,11 @@
 /// Maps (u, v) of the unit square to the image: (0, 0), (1, 0), (1, 1), (0, 1) go to the four
 /// corners. Heckbert (1989), section 2.2.3.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Square([f64; 8]);
+pub struct Square([f64; 8]);
 
 impl Square {
     /// `None` for corners of which three are on a line, or that are not convex.
-    pub(super) fn new(corners: [[f64; 2]; 4]) -> Option<Self> {
+    pub fn new(corners: [[f64; 2]; 4]) -> Option<Self> {
         let [p0, p1, p2, p3] = corners;
         let turns = [0, 1, 2, 3].map(|i| {
             let (a, b, c) = (corners[i], corners[(i + 1) % 4], corners[(i + 2) % 4]);
@@ -30,7 +30,7 @@ impl Square {
 
     /// Position of (u, v) in the image; also outside the square, as long as it is in front of the
     /// camera.
-    pub(super) fn at(&self, [u, v]: [f64; 2]) -> [f64; 2] {
+    pub fn at(&self, [u, v]: [f64; 2]) -> [f64; 2] {
         let [a, b, c, d, e, f, g, h] = self.0;
         let w = g * u + h * v + 1.0;
         [(a * u + b * v + c) / w, (d * u + e * v + f) / w]
@@ -38,7 +38,7 @@ impl Square {
 }
 
 /// Distance of two points.
-pub(super) fn distance(a: [f64; 2], b: [f64; 2]) -> f64 {
+pub fn distance(a: [f64; 2], b: [f64; 2]) -> f64 {
     let [x, y] = [a[0] - b[0], a[1] - b[1]];
     (x * x + y * y).sqrt()
 }

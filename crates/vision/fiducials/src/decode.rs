@@ -6,46 +6,65 @@
 //! marker decodes as noise.
 
 use boards::{Dictionary, quarter_turn};
-
-use super::config::MarkerConfig;
-use super::square::Square;
+use estimator_config::config;
 use imaging::ImageView;
+
+use crate::square::{Square, distance};
+
+config! {
+    /// How the cells of a marker are read.
+    pub struct ReadConfig {
+        /// Minimum contrast between the border and white, gray levels.
+        pub min_contrast: f64 = 8.0,
+        /// Minimum side of a cell that is averaged over nine samples, px. Smaller ones are blurred
+        /// already.
+        pub averaged_cell_px: f64 = 3.5,
+        /// Distance of these samples from each other along both axes, as a fraction of the side.
+        pub sample_spacing_ratio: f64 = 0.25,
+        /// Side of a cell below which a part of its neighbors is subtracted, px.
+        pub sharpened_cell_px: f64 = 5.0,
+        /// That part.
+        pub sharpening: f64 = 0.25,
+    }
+}
 
 /// Position of a marker in its square.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Layout {
-    /// The marker's edges along both axes of the unit square.
-    pub(super) from: f64,
-    pub(super) to: f64,
+pub struct Layout {
+    /// Where the marker begins along both axes of the unit square.
+    pub from: f64,
+    /// Where it ends.
+    pub to: f64,
     /// Bits along a side.
-    pub(super) bits: u32,
+    pub bits: u32,
     /// Cells of the border on each side.
-    pub(super) border: u32,
+    pub border: u32,
     /// Width of the white area outside the marker's edge, in units of the square.
-    pub(super) white: f64,
+    pub white: f64,
 }
 
 /// The bits of a square, row by row from its corner (0, 0).
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Reading {
-    pub(super) code: u64,
+pub struct Reading {
+    /// The bits, most significant first; white is 1.
+    pub code: u64,
     /// Number of border cells that are white.
-    pub(super) border_errors: u32,
+    pub border_errors: u32,
 }
 
 /// Decodes a square; `None` without contrast or if the square leaves the image.
-pub(super) fn read(
+pub fn read(
     image: &ImageView<'_>,
     square: &Square,
     layout: &Layout,
-    config: &MarkerConfig,
+    config: &ReadConfig,
 ) -> Option<Reading> {
     let cells = (layout.bits + 2 * layout.border) as usize;
     let side = (layout.to - layout.from) / cells as f64;
     let place = |i: f64| layout.from + i * side;
     // Large cells are averaged; small ones are already blurred.
     let [across, down] = [[0.5 + side, 0.5], [0.5, 0.5 + side]]
-        .map(|uv| super::square::distance(square.at([0.5, 0.5]), square.at(uv)));
+        .map(|uv| distance(square.at([0.5, 0.5]), square.at(uv)));
     let spacing = config.sample_spacing_ratio;
     let averaged = [-spacing, 0.0, spacing];
     let offsets: &[f64] = if across.min(down) > config.averaged_cell_px {
@@ -157,21 +176,24 @@ impl Plane {
 
 /// A decoded marker.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct Match {
-    pub(super) id: u32,
+pub struct Match {
+    /// Its number.
+    pub id: u32,
     /// Rotation of the marker in the square, quarter turns clockwise.
-    pub(super) turns: usize,
+    pub turns: usize,
     /// Number of wrong bits.
-    pub(super) errors: u32,
+    pub errors: u32,
 }
 
 /// The codes of a dictionary in their four rotations.
-pub(super) struct Book {
+#[derive(Clone, Debug)]
+pub struct Book {
     codes: Vec<[u64; 4]>,
 }
 
 impl Book {
-    pub(super) fn of(dictionary: Dictionary) -> Self {
+    /// All codes of a dictionary.
+    pub fn of(dictionary: Dictionary) -> Self {
         let bits = dictionary.bits();
         let codes = (0..dictionary.count())
             .filter_map(|id| dictionary.code(id))
@@ -184,7 +206,7 @@ impl Book {
     }
 
     /// The nearest marker with at most `most` wrong bits; `None` if another is as close.
-    pub(super) fn find(&self, code: u64, most: u32) -> Option<Match> {
+    pub fn find(&self, code: u64, most: u32) -> Option<Match> {
         let mut best: Option<Match> = None;
         let mut alone = true;
         for (id, rotated) in (0..).zip(&self.codes) {
@@ -201,7 +223,7 @@ impl Book {
     }
 
     /// Number of wrong bits for this marker at this rotation.
-    pub(super) fn errors(&self, code: u64, id: u32, turns: usize) -> Option<u32> {
+    pub fn errors(&self, code: u64, id: u32, turns: usize) -> Option<u32> {
         let rotated = self.codes.get(id as usize)?;
         Some((rotated[turns % 4] ^ code).count_ones())
     }
