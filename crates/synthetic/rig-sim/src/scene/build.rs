@@ -97,7 +97,7 @@ impl Builder {
         self.materials.push(Material {
             albedo,
             other_albedo: mixed,
-            ..self.materials[other as usize].clone()
+            ..self.materials[other as usize]
         });
         self.materials.len() as u16 - 1
     }
