@@ -3,8 +3,9 @@
 use cad_transforms::RigidTransform;
 use nalgebra::Vector3;
 
+use crate::levels::Moments;
 use crate::patch::Patch;
-use crate::pattern;
+use crate::pattern::{self, Profile};
 use crate::tag::Tag;
 use crate::view::Motion;
 
@@ -15,8 +16,6 @@ const STEP_CELLS: f64 = 0.4;
 const BLUR_CELLS: f64 = 0.5;
 /// Entries of the blurred pattern per cell.
 const PER_CELL: f64 = 4.0;
-/// Correlation at which a start is good enough.
-const GOOD: f64 = 0.9;
 
 pub(crate) struct Aligner<'a> {
     pub(crate) patches: &'a [Patch<'a>],
@@ -35,11 +34,12 @@ impl Template {
     fn new(tag: &Tag) -> Self {
         let half_cells = tag.half_cells() + 1.0;
         let side = (2.0 * half_cells * PER_CELL) as usize + 1;
+        let profile = Profile::new(BLUR_CELLS);
         let place = |i: usize| i as f64 / PER_CELL - half_cells;
         let values = (0..side * side)
             .map(|i| {
                 let at = [place(i % side), place(i / side)];
-                pattern::sample(tag, at, [BLUR_CELLS; 2]).value
+                pattern::sample(tag, at, [&profile; 2]).value
             })
             .collect();
         Self {
@@ -68,10 +68,6 @@ impl Aligner<'_> {
     pub(crate) fn align(&self, start: &RigidTransform) -> RigidTransform {
         let template = Template::new(self.tag);
         let eyes = 0..self.patches.len();
-        let at_start = eyes.clone().map(|k| self.correlation(&template, k, start));
-        if at_start.fold(1.0, f64::min) > GOOD {
-            return *start;
-        }
         let step = STEP_CELLS * self.tag.cell_m();
         let mut best = (self.correlation(&template, 0, start), *start);
         for (i, j) in (-STEPS..=STEPS).flat_map(|i| (-STEPS..=STEPS).map(move |j| (i, j))) {
@@ -116,24 +112,14 @@ impl Aligner<'_> {
     fn correlation(&self, template: &Template, eye: usize, pose: &RigidTransform) -> f64 {
         let patch = &self.patches[eye];
         let cell = self.tag.cell_m();
-        let (mut n, mut sx, mut sy, mut sxx, mut sxy, mut syy) = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0);
+        let mut moments = Moments::default();
         patch.for_each(pose, self.motion, |pixel, row_pose| {
             let Some(point) = row_pose.meet(&pixel.ray) else {
                 return;
             };
-            let x = template.at(point.at.map(|v| v / cell));
-            let y = pixel.level;
-            n += 1.0;
-            sx += x;
-            sy += y;
-            sxx += x * x;
-            sxy += x * y;
-            syy += y * y;
+            let expected = template.at(point.at.map(|v| v / cell));
+            moments.add(expected, pixel.level);
         });
-        let spread = (n * sxx - sx * sx) * (n * syy - sy * sy);
-        if spread <= 0.0 {
-            return 0.0;
-        }
-        (n * sxy - sx * sy) / spread.sqrt()
+        moments.correlation()
     }
 }

@@ -3,7 +3,7 @@
 use cad_transforms::RigidTransform;
 
 use crate::patch::{PIXEL_SIGMA, pixel_axes};
-use crate::pattern;
+use crate::pattern::{self, Profile};
 use crate::tag::Tag;
 use crate::view::{Motion, PlanePoint, RowPose, View};
 
@@ -15,8 +15,9 @@ const MAX_MOTION_SAMPLES: usize = 11;
 /// Blur along the axes of a tag.
 #[derive(Clone, Debug)]
 pub(crate) struct Blur {
-    /// Sigmas along both axes, cells.
+    /// Sigmas along both axes, cells, and what cells contribute with them.
     sigma: [f64; 2],
+    profiles: [Profile; 2],
     /// Share of the lens in the squares of these.
     lens_share: f64,
     /// Motion during the exposure, cells, and the number of samples along it.
@@ -50,8 +51,10 @@ impl Blur {
         let drift = RowPose::new(view, pose, motion, 0.0).drift(motion, view);
         let moved = drift.map(|speed| speed * view.exposure_s / cell);
         let samples = (libm::hypot(moved[0], moved[1]) / MOTION_STEP_CELLS).ceil();
+        let sigma = [0, 1].map(|k| (square * (x[k] * x[k] + y[k] * y[k])).sqrt() / cell);
         Some(Self {
-            sigma: [0, 1].map(|k| (square * (x[k] * x[k] + y[k] * y[k])).sqrt() / cell),
+            sigma,
+            profiles: sigma.map(Profile::new),
             lens_share: lens_px * lens_px / square,
             motion: moved,
             samples: (samples.max(1.0) as usize).min(MAX_MOTION_SAMPLES),
@@ -85,7 +88,8 @@ impl Blur {
         for n in 0..self.samples {
             let t = (n as f64 + 0.5) * share - 0.5;
             let place = [0, 1].map(|k| point.at[k] / cell + t * self.motion[k]);
-            let sample = pattern::sample(tag, place, self.sigma);
+            let [across, down] = &self.profiles;
+            let sample = pattern::sample(tag, place, [across, down]);
             sum.value += share * sample.value;
             for k in 0..2 {
                 sum.gradient[k] += share * sample.gradient[k] / cell;

@@ -5,6 +5,8 @@ use estimator_config::config;
 config! {
     /// Configuration of [`fit`](crate::fit()).
     pub struct Config {
+        /// Correlation of all eyes with the pattern at the start from which on it is not moved.
+        pub aligned_correlation: f64 = 0.8,
         /// Maximum number of iterations.
         pub max_iterations: usize = 12,
         /// Motion of the corners in an iteration at which the fit has converged, cells.

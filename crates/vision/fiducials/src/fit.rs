@@ -48,6 +48,9 @@ pub struct Minimum {
     pub excess_cost: f64,
 }
 
+/// Cost above that of the first pose at which the start of a second one is given up, relative to
+/// the maximum after its fit.
+const START_EXCESS: f64 = 10.0;
 /// Rotation about the axes in the plane that moves a corner, relative to rotation in the plane.
 const TILT_SHARE: f64 = 0.2;
 
@@ -67,13 +70,7 @@ pub fn fit(
         config,
     };
     let all = vec![Selection::all(tag, config); views.len()];
-    let patches = fitter.patches(start, &all);
-    let aligner = Aligner {
-        patches: &patches,
-        tag,
-        motion,
-    };
-    let aligned = aligner.align(start);
+    let aligned = fitter.align(start, &all)?;
     // Pixels are selected by the pose, the blur and what hides the tag: again once these are known.
     let first = fitter.solve(&aligned, &all)?;
     let second = fitter.solve(&first.state.pose, &first.selections)?;
@@ -133,36 +130,56 @@ impl<'a> Fitter<'a> {
             .collect()
     }
 
+    /// A start from which the fit converges.
+    fn align(&self, start: &RigidTransform, selections: &[Selection]) -> Option<RigidTransform> {
+        let patches = self.patches(start, selections);
+        let problem = self.problem(&patches);
+        let evaluation = problem.evaluate(start, 0.0)?;
+        if problem.correlation(&evaluation) > self.config.aligned_correlation {
+            return Some(*start);
+        }
+        let aligner = Aligner {
+            patches: &patches,
+            tag: self.tag,
+            motion: self.motion,
+        };
+        (!patches.is_empty()).then(|| aligner.align(start))
+    }
+
     /// The pose near a start from the pixels that count.
     fn solve(&self, start: &RigidTransform, selections: &[Selection]) -> Option<Solution> {
         let patches = self.patches(start, selections);
         let problem = self.problem(&patches);
-        let mut state = problem.start(start)?;
-        let mut noise = problem.noise(&state)?;
-        let mut at = problem.linearize(&state, noise)?;
+        let mut evaluation = problem.evaluate(start, 0.0)?;
+        let mut state = problem.start(start, &evaluation)?;
+        let mut noise = problem.noise(&state, &evaluation);
+        let mut at = problem.linearize(&state, &evaluation, noise)?;
         let mut damping = 1e-3;
         for _ in 0..self.config.max_iterations {
             let step = at.step(damping)?;
             let moved = state.moved(&step)?;
-            match problem.linearize(&moved, noise) {
-                Some(next) if next.cost <= at.cost => {
-                    state = moved;
-                    damping *= 0.2;
-                    let is_converged = self.corner_motion(&step) < self.config.converged_cells;
-                    let lower = problem.noise(&state)?;
-                    // Noise is overestimated before convergence.
-                    let is_settled = lower > 0.9 * noise;
-                    noise = lower;
-                    at = match is_settled {
-                        true => next,
-                        false => problem.linearize(&state, noise)?,
-                    };
-                    if is_converged && is_settled {
-                        break;
-                    }
+            let patterns = problem.evaluate(&moved.pose, moved.log_blur)?;
+            let next = problem.linearize(&moved, &patterns, noise)?;
+            if next.cost > at.cost {
+                if damping > 1e5 {
+                    break;
                 }
-                _ if damping > 1e5 => break,
-                _ => damping *= 8.0,
+                damping *= 8.0;
+                continue;
+            }
+            (state, evaluation) = (moved, patterns);
+            damping *= 0.2;
+            let is_converged = self.corner_motion(&step) < self.config.converged_cells;
+            // Noise is overestimated before convergence.
+            let lower = problem.noise(&state, &evaluation);
+            let is_settled = lower > 0.9 * noise;
+            noise = lower;
+            at = match is_settled {
+                true => next,
+                false => problem.linearize(&state, &evaluation, noise)?,
+            };
+            if is_converged && is_settled {
+                break;
             }
         }
         self.judged(&problem, state, at)
@@ -173,18 +190,31 @@ impl<'a> Fitter<'a> {
     fn other(&self, first: &Solution, selections: &[Selection]) -> Option<(Solution, f64)> {
         let eye_from_reference = self.views[first.first_eye].eye_from_reference;
         let start = mirrored(&(eye_from_reference * first.state.pose))?;
-        let other = self.solve(&(eye_from_reference.inverse() * start), selections)?;
+        let start = eye_from_reference.inverse() * start;
+        // By the same pixels and the same noise.
+        let patches = self.patches(&first.state.pose, selections);
+        let problem = self.problem(&patches);
+        let evaluation = problem.evaluate(&first.state.pose, first.state.log_blur)?;
+        let noise = problem.noise(&first.state, &evaluation);
+        let cost = |state: &State| {
+            let evaluation = problem.evaluate(&state.pose, state.log_blur)?;
+            Some(problem.linearize(state, &evaluation, noise)?.cost)
+        };
+        let least = cost(&first.state)?;
+        let at_start = State {
+            pose: start,
+            ..first.state.clone()
+        };
+        if cost(&at_start)? - least > START_EXCESS * self.config.max_excess_cost {
+            return None;
+        }
+        let other = self.solve(&start, selections)?;
         let between = first.state.pose.inverse() * other.state.pose;
         if between.angle_rad() < self.config.min_other_rad {
             return None;
         }
-        // By the same pixels and the same noise.
-        let patches = self.patches(&first.state.pose, selections);
-        let problem = self.problem(&patches);
-        let noise = problem.noise(&first.state)?;
-        let [cost, least] = [&other.state, &first.state]
-            .map(|state| problem.linearize(state, noise).map(|at| at.cost));
-        Some((other, cost? - least?))
+        let excess = cost(&other.state)? - least;
+        Some((other, excess))
     }
 
     fn problem<'p>(&'p self, patches: &'p [Patch<'p>]) -> Problem<'p> {

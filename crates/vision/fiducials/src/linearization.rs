@@ -5,7 +5,7 @@ use nalgebra::{DMatrix, DVector, Matrix6};
 
 use crate::blur::Blur;
 use crate::config::Config;
-use crate::levels::Levels;
+use crate::levels::{Levels, Moments};
 use crate::patch::Patch;
 use crate::tag::Tag;
 use crate::tone::Tone;
@@ -104,43 +104,28 @@ struct Row {
     level: f64,
 }
 
-impl Problem<'_> {
-    /// The state at a pose; `None` without patches or contrast.
-    pub(crate) fn start(&self, pose: &RigidTransform) -> Option<State> {
-        let tone = Tone::new(self.config.tone, 0.05);
-        let levels = |patch: &Patch<'_>| {
-            let blur = self.blur(patch, pose, 0.0)?;
-            let mut pairs = Vec::with_capacity(patch.pixels.len());
-            patch.for_each(pose, self.motion, |pixel, row_pose| {
-                let value = row_pose
-                    .meet(&pixel.ray)
-                    .map(|p| blur.sample(self.tag, &p).value);
-                pairs.extend(value.map(|value| (tone.at(value).0, pixel.level)));
-            });
-            let levels = Levels::fitted(pairs.into_iter())?;
-            (levels.contrast() > self.config.min_contrast_levels).then_some(levels)
-        };
-        let levels: Vec<Levels> = self.patches.iter().map(levels).collect::<Option<_>>()?;
-        (!levels.is_empty()).then_some(State {
-            pose: *pose,
-            log_blur: 0.0,
-            tone: self.config.tone,
-            levels,
-        })
-    }
+/// Patterns of all pixels at a pose and a blur.
+pub(crate) struct Evaluation {
+    rows: Vec<Row>,
+}
 
+/// Unknowns of one patch: those that are shared, and its levels.
+const OWN: usize = SHARED + 2;
+
+impl Problem<'_> {
     /// The blur in a patch.
     pub(crate) fn blur(&self, patch: &Patch<'_>, pose: &RigidTransform, log: f64) -> Option<Blur> {
         let lens_px = self.config.blur_px * libm::exp(log);
         Blur::new(&patch.view, self.tag, pose, self.motion, lens_px)
     }
 
-    fn rows(&self, state: &State) -> Option<Vec<Row>> {
+    /// Patterns at a pose and the logarithm of a blur; `None` if the tag is behind an eye.
+    pub(crate) fn evaluate(&self, pose: &RigidTransform, log_blur: f64) -> Option<Evaluation> {
         let count = self.patches.iter().map(|patch| patch.pixels.len()).sum();
         let mut rows = Vec::with_capacity(count);
         for (k, patch) in self.patches.iter().enumerate() {
-            let blur = self.blur(patch, &state.pose, state.log_blur)?;
-            patch.for_each(&state.pose, self.motion, |pixel, row_pose| {
+            let blur = self.blur(patch, pose, log_blur)?;
+            patch.for_each(pose, self.motion, |pixel, row_pose| {
                 let Some(point) = row_pose.meet(&pixel.ray) else {
                     return;
                 };
@@ -159,7 +144,40 @@ impl Problem<'_> {
                 });
             });
         }
-        Some(rows)
+        Some(Evaluation { rows })
+    }
+
+    /// Lowest correlation of the eyes' gray levels with the pattern.
+    pub(crate) fn correlation(&self, evaluation: &Evaluation) -> f64 {
+        let of = |patch: usize| {
+            let own = evaluation.rows.iter().filter(|row| row.patch == patch);
+            let mut moments = Moments::default();
+            own.for_each(|row| moments.add(row.pattern, row.level));
+            moments.correlation()
+        };
+        (0..self.patches.len()).map(of).fold(1.0, f64::min)
+    }
+
+    /// The state at a pose where patterns are known; `None` without patches or contrast.
+    pub(crate) fn start(&self, pose: &RigidTransform, evaluation: &Evaluation) -> Option<State> {
+        let tone = Tone::new(self.config.tone, 0.05);
+        let levels = |patch: usize| {
+            let own = evaluation.rows.iter().filter(|row| row.patch == patch);
+            let mut moments = Moments::default();
+            own.for_each(|row| moments.add(tone.at(row.pattern).0, row.level));
+            let (black, contrast) = moments.line()?;
+            (contrast > self.config.min_contrast_levels).then_some(Levels {
+                black,
+                white: black + contrast,
+            })
+        };
+        let levels: Vec<Levels> = (0..self.patches.len()).map(levels).collect::<Option<_>>()?;
+        (!levels.is_empty()).then_some(State {
+            pose: *pose,
+            log_blur: 0.0,
+            tone: self.config.tone,
+            levels,
+        })
     }
 
     fn tones(&self, state: &State, step: f64) -> Vec<Tone> {
@@ -170,22 +188,26 @@ impl Problem<'_> {
     }
 
     /// Noise of a pixel, levels: the spread of the residuals, and no less than the configured one.
-    pub(crate) fn noise(&self, state: &State) -> Option<f64> {
+    pub(crate) fn noise(&self, state: &State, evaluation: &Evaluation) -> f64 {
         let tones = self.tones(state, 0.0);
-        let rows = self.rows(state)?;
         let residual = |row: &Row| {
             let levels = &state.levels[row.patch];
             let share = tones[row.patch].at(row.pattern).0;
             (levels.black + levels.contrast() * share - row.level).abs()
         };
-        let mut sizes: Vec<f64> = rows.iter().map(residual).collect();
+        let mut sizes: Vec<f64> = evaluation.rows.iter().map(residual).collect();
         let middle = sizes.len() / 2;
         let (_, median, _) = sizes.select_nth_unstable_by(middle, f64::total_cmp);
-        Some((SIGMA_BY_MEDIAN * *median).max(self.config.noise_levels))
+        (SIGMA_BY_MEDIAN * *median).max(self.config.noise_levels)
     }
 
-    /// Normal equations at a state, for pixels with this noise.
-    pub(crate) fn linearize(&self, state: &State, noise: f64) -> Option<Linearization> {
+    /// Normal equations at a state and its patterns, for pixels with this noise.
+    pub(crate) fn linearize(
+        &self,
+        state: &State,
+        evaluation: &Evaluation,
+        noise: f64,
+    ) -> Option<Linearization> {
         let config = self.config;
         let count = SHARED + 2 * self.patches.len();
         let mut hessian = DMatrix::zeros(count, count);
@@ -193,30 +215,41 @@ impl Problem<'_> {
         let (mut cost, mut weights, mut squares) = (0.0, 0.0, 0.0);
         let (tones, wider) = (self.tones(state, 0.0), self.tones(state, TONE_STEP));
         let limit = config.robust_ratio;
-        for row in &self.rows(state)? {
-            let levels = &state.levels[row.patch];
-            let (share, slope) = tones[row.patch].at(row.pattern);
+        for patch in 0..self.patches.len() {
+            let levels = &state.levels[patch];
+            let (tone, wider) = (&tones[patch], &wider[patch]);
             let contrast = levels.contrast();
-            let residual = levels.black + contrast * share - row.level;
-            let scaled = residual / (noise * limit);
-            let weight = 1.0 / (1.0 + scaled * scaled);
-            cost += limit * limit * libm::log1p(scaled * scaled);
-            weights += weight;
-            squares += weight * residual * residual;
-            let mut by = [0.0; SHARED + 2];
-            for (to, by) in by.iter_mut().zip(&row.by_shared) {
-                *to = contrast * slope * by;
+            let mut own_hessian = [[0.0; OWN]; OWN];
+            let mut own_gradient = [0.0; OWN];
+            for row in evaluation.rows.iter().filter(|row| row.patch == patch) {
+                let (share, slope) = tone.at(row.pattern);
+                let residual = levels.black + contrast * share - row.level;
+                let scaled = residual / (noise * limit);
+                let weight = 1.0 / (1.0 + scaled * scaled);
+                cost += limit * limit * libm::log1p(scaled * scaled);
+                weights += weight;
+                squares += weight * residual * residual;
+                let mut by = [0.0; OWN];
+                for (to, by) in by.iter_mut().zip(&row.by_shared) {
+                    *to = contrast * slope * by;
+                }
+                by[TONE] = contrast * (wider.at(row.pattern).0 - share) / TONE_STEP;
+                by[SHARED] = 1.0 - share;
+                by[SHARED + 1] = share;
+                let factor = weight / (noise * noise);
+                for i in 0..OWN {
+                    let weighted = factor * by[i];
+                    own_gradient[i] += weighted * residual;
+                    for j in i..OWN {
+                        own_hessian[i][j] += weighted * by[j];
+                    }
+                }
             }
-            by[TONE] = contrast * (wider[row.patch].at(row.pattern).0 - share) / TONE_STEP;
-            by[SHARED] = 1.0 - share;
-            by[SHARED + 1] = share;
-            let own = 2 * row.patch;
-            let place = |n: usize| if n < SHARED { n } else { n + own };
-            let factor = weight / (noise * noise);
-            for i in 0..by.len() {
-                gradient[place(i)] += factor * by[i] * residual;
-                for j in i..by.len() {
-                    hessian[(place(i), place(j))] += factor * by[i] * by[j];
+            let place = |n: usize| if n < SHARED { n } else { n + 2 * patch };
+            for i in 0..OWN {
+                gradient[place(i)] += own_gradient[i];
+                for j in i..OWN {
+                    hessian[(place(i), place(j))] += own_hessian[i][j];
                 }
             }
         }

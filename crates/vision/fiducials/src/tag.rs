@@ -20,8 +20,8 @@ pub struct Tag {
     /// Side of the black square, m.
     pub size_m: f64,
     cells: usize,
-    /// White cells by row and column, with margins; the others are black.
-    is_white: [[bool; MAX_CELLS]; MAX_CELLS],
+    /// By row and column, with margins: 1 for white and 0 for black.
+    whites: [[f64; MAX_CELLS]; MAX_CELLS],
 }
 
 impl Tag {
@@ -45,23 +45,24 @@ impl Tag {
         if cells > MAX_CELLS || !(size_m > 0.0 && size_m.is_finite()) {
             return None;
         }
-        let mut is_white = [[false; MAX_CELLS]; MAX_CELLS];
-        for (row, whites) in is_white.iter_mut().enumerate().take(cells) {
-            for (column, is_white) in whites.iter_mut().enumerate().take(cells) {
+        let mut whites = [[0.0; MAX_CELLS]; MAX_CELLS];
+        for (row, whites) in whites.iter_mut().enumerate().take(cells) {
+            for (column, white) in whites.iter_mut().enumerate().take(cells) {
                 let bit = |i: usize| i.checked_sub(around).filter(|&i| i < bits);
-                *is_white = match (bit(row), bit(column)) {
+                let is_white = match (bit(row), bit(column)) {
                     (Some(r), Some(c)) => code >> (bits * bits - 1 - (r * bits + c)) & 1 == 1,
                     _ => [row, column]
                         .iter()
                         .any(|&i| i < MARGIN || i >= cells - MARGIN),
                 };
+                *white = f64::from(u8::from(is_white));
             }
         }
         Some(Self {
             id,
             size_m,
             cells,
-            is_white,
+            whites,
         })
     }
 
@@ -87,7 +88,12 @@ impl Tag {
 
     /// Whether the cell in this row and column, with margins, is white.
     pub(crate) fn is_white(&self, row: usize, column: usize) -> bool {
-        self.is_white[row][column]
+        self.whites[row][column] > 0.5
+    }
+
+    /// A row of cells, with margins: 1 for white and 0 for black.
+    pub(crate) fn whites(&self, row: usize) -> &[f64; MAX_CELLS] {
+        &self.whites[row]
     }
 
     /// Rows, and columns, of the bits.
