@@ -13,7 +13,7 @@ use nalgebra::{DMatrix, Matrix3, Matrix6, Vector3};
 use rayon::prelude::*;
 
 use crate::backend::covariance::{
-    NewestCovariance, in_rig_frame, relative_in_rig_frame, tilt_uncertainty,
+    NewestCovariance, heading_drift, in_rig_frame, relative_in_rig_frame, tilt_uncertainty,
 };
 use crate::config::Config;
 use crate::estimator::reinitialization::ResetUncertainty;
@@ -131,6 +131,8 @@ pub struct Odometry {
     unmodeled: Option<ResetUncertainty>,
     camera_shifts: Vec<CameraShift>,
     number: u64,
+    /// Time of the first frame set, ns.
+    begin_ns: Option<i64>,
     next_track: u64,
     /// Features of the last keyframe: camera, track id, ray.
     reference: Vec<(usize, u64, Vector3<f64>)>,
@@ -185,6 +187,7 @@ impl Odometry {
             unmodeled: None,
             camera_shifts: Vec::new(),
             number: 0,
+            begin_ns: None,
             next_track: 0,
             reference: Vec::new(),
             pending: BTreeMap::new(),
@@ -249,6 +252,7 @@ impl Odometry {
     pub fn add_frames(&mut self, set: &FrameSet<'_>) -> Estimate {
         let time_ns = set.time_ns;
         self.number += 1;
+        self.begin_ns.get_or_insert(time_ns);
         let pyramid = &self.config.frontend.pyramid;
         let pyramids: Vec<Option<(Pyramid, Pyramid)>> = (set.views.par_iter())
             .map(|view| {
@@ -522,12 +526,8 @@ impl Odometry {
     ) -> Estimate {
         let state = &window.newest().state;
         let covariance = self.with_unmodeled(state, *covariance);
-        let mut covariance = in_rig_frame(
-            &self.config.backend.covariance,
-            state,
-            &self.body_from_rig,
-            &covariance,
-        );
+        let (config, body) = (&self.config.backend.covariance, &self.body_from_rig);
+        let mut covariance = in_rig_frame(config, state, body, &covariance);
         let status = if is_tracked {
             Status::Tracked
         } else {
@@ -544,23 +544,20 @@ impl Odometry {
                 Status::Lost
             }
         };
-        let arm = self.body_from_rig.translation();
+        let arm = body.translation();
         let velocity = state.velocity + state.rotation * state.rate().cross(arm);
-        let world_from_rig = state.world_from_rig(&self.body_from_rig);
+        let world_from_rig = state.world_from_rig(body);
+        let ns = self.begin_ns.map_or(0, |begin| state.time_ns - begin);
+        covariance += heading_drift(config, &world_from_rig, 1e-9 * ns as f64);
         if self.imus.is_none() {
-            covariance += tilt_uncertainty(&self.config.backend.covariance, &world_from_rig);
+            covariance += tilt_uncertainty(config, &world_from_rig);
         }
         Estimate {
             time_ns: state.time_ns,
             world_from_rig,
             covariance,
-            odom_from_rig: self.odom_from_body * self.body_from_rig,
-            relative_covariance: relative_in_rig_frame(
-                &self.config.backend.covariance,
-                state,
-                &self.body_from_rig,
-                relative_covariance,
-            ),
+            odom_from_rig: self.odom_from_body * *body,
+            relative_covariance: relative_in_rig_frame(config, state, body, relative_covariance),
             velocity,
             status,
             inliers,

@@ -3,24 +3,28 @@
 //! Contract: `FOLDER/HASH/CAMERA.grey` has the frames of one camera that are in sets, or the first
 //! of them, each the left eye's rows and then the right eye's, without header or gaps;
 //! `HASH/walk.txt` is the hashed text. A file with too few frames is rendered again.
-//! The hash covers all inputs of an image: settings, faults, rig, and the sources of the simulator.
+//! The hash covers all inputs of an image: settings, faults, rig, and the simulator, as what it
+//! renders now (see [`simulator`]): changes of its code that change no image keep the cache.
 //! *On failure* a partial file has another name, and is rewritten. Two programs may render the same
 //! walk simultaneously: the file is the same whichever finishes first.
 
-use std::collections::VecDeque;
+use std::collections::{HashMap, VecDeque};
 use std::fs::{self, File};
 use std::io::{BufReader, BufWriter, Read as _};
 use std::path::{Path, PathBuf};
-use std::sync::Mutex;
+use std::sync::{LazyLock, Mutex};
 use std::thread;
 
 use anyhow::{Context as _, Result, ensure};
+use rig_sim::simulation::FrameSource as _;
 
 use super::Reader;
 use super::walk::{Walk, WalkCamera};
 
 /// Rendering threads.
 const THREADS: usize = 2;
+/// Number of frames of each camera that identify the simulator, evenly over the walk.
+const PROBES: u64 = 4;
 /// Sources of the simulator, relative to this crate.
 const SOURCES: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../synthetic/rig-sim/src");
 
@@ -52,8 +56,7 @@ impl CachedCamera {
 
 /// Renders images that are not in the cache: of each camera its first `pairs`.
 pub(super) fn store(walk: &Walk, pairs: &[usize], folder: &Path) -> Result<Vec<CachedCamera>> {
-    let mut key = walk.key.clone();
-    key += &format!("\n{} {}\n", env!("CARGO_PKG_VERSION"), sources()?);
+    let key = format!("{}\n{}\n", walk.key, simulator(walk)?);
     let hash = blake3::hash(key.as_bytes()).to_hex();
     let folder = folder.join(&hash[..16]);
     fs::create_dir_all(&folder).with_context(|| format!("making {}", folder.display()))?;
@@ -117,6 +120,51 @@ fn replace(path: &Path, write: impl FnOnce(&mut dyn std::io::Write) -> Result<()
     let beside = file.into_inner().map_err(|e| e.into_error())?;
     beside.persist(path)?;
     Ok(())
+}
+
+/// Hash that identifies what the simulator renders. Without faults: some frames of every camera,
+/// and the trajectory of the rig at all frames. Faults act on images in between: with them also the
+/// simulator's sources. The hash is computed once per walk and program.
+fn simulator(walk: &Walk) -> Result<String> {
+    static KNOWN: LazyLock<Mutex<HashMap<String, String>>> = LazyLock::new(Mutex::default);
+    let known = || KNOWN.lock().expect("no thread panics with it");
+    if let Some(hash) = known().get(&walk.key) {
+        return Ok(hash.clone());
+    }
+    let simulation = &walk.simulation;
+    let settings = simulation.settings();
+    let frames = settings.frame_count();
+    let probe = |camera: usize| {
+        let mut hasher = blake3::Hasher::new();
+        let mut renderer = simulation.frames(camera);
+        for k in 0..PROBES {
+            let number = k * (frames - 1) / (PROBES - 1);
+            let frame = renderer.render_frame(number, settings.frame_ns(number));
+            hasher.update(&frame.i420);
+        }
+        hasher.finalize()
+    };
+    let mut hasher = blake3::Hasher::new();
+    thread::scope(|scope| {
+        let cameras = 0..simulation.cameras().len();
+        let probes: Vec<_> = cameras.map(|c| scope.spawn(move || probe(c))).collect();
+        for probe in probes {
+            let probe = probe.join().expect("rendering does not panic");
+            hasher.update(probe.as_bytes());
+        }
+    });
+    for number in 0..frames {
+        let (position, rotation) = simulation.world_from_rig(settings.frame_ns(number));
+        for value in position.iter().chain(rotation.coords.iter()) {
+            hasher.update(&value.to_le_bytes());
+        }
+    }
+    let mut hash = hasher.finalize().to_hex().to_string();
+    if walk.has_faults() {
+        hash += &format!(" {}", sources()?);
+    }
+    known().insert(walk.key.clone(), hash.clone());
+    Ok(hash)
 }
 
 /// Hash of the simulator's sources.

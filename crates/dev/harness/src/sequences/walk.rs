@@ -298,6 +298,11 @@ fn dry_run(
 }
 
 impl Walk {
+    /// Whether cameras or devices have faults.
+    pub(super) fn has_faults(&self) -> bool {
+        !self.faults.list.is_empty()
+    }
+
     /// Renders the frames of a camera that are in sets, in order: left and right.
     pub(super) fn frames(&self, camera: &WalkCamera) -> impl Iterator<Item = [Vec<u8>; 2]> + use<> {
         let faults = self.faults.of(&camera.name);

@@ -1,7 +1,7 @@
 //! Covariance inflation: from the covariance of the solver to the reported one.
 
 use cad_transforms::RigidTransform;
-use nalgebra::{Const, DMatrix, Dyn, Matrix3, Matrix6, Matrix6x2, OMatrix, SMatrix};
+use nalgebra::{Const, DMatrix, Dyn, Matrix3, Matrix6, Matrix6x2, OMatrix, SMatrix, Vector3};
 
 use crate::backend::state::{POSE_DIM, ROTATION, STATE_DIM, State};
 use crate::backend::stereo::STEREO_DIM;
@@ -110,6 +110,24 @@ pub(crate) fn tilt_uncertainty(
         * (config.initial_tilt_sigma_rad * config.initial_tilt_sigma_rad)
 }
 
+/// Covariance of a causal pose due to a drift of the heading, as a small motion in the axes of the
+/// rig. Errors of matches are small but have the same sign over many frames, in which they act like
+/// a rate: a Gauss-Markov process, integrated for this time.
+pub(crate) fn heading_drift(
+    config: &CovarianceConfig,
+    world_from_rig: &RigidTransform,
+    seconds: f64,
+) -> Matrix6<f64> {
+    let correlation_s = config.heading_rate_correlation_s;
+    let t = seconds.max(0.0) / correlation_s;
+    let sigma = config.heading_rate_sigma * correlation_s;
+    let variance = 2.0 * sigma * sigma * (t + (-t).exp_m1());
+    let up = world_from_rig.rotation().inverse() * Vector3::z();
+    let mut drift = Matrix6::zeros();
+    (drift.fixed_view_mut::<3, 3>(3, 3)).copy_from(&(up * up.transpose() * variance));
+    drift
+}
+
 /// Inflates the covariance of a pose and converts it from errors of the body (position in the
 /// world, rotation in the body) to a small motion of the rig in its own axes.
 pub(crate) fn in_rig_frame(
@@ -185,6 +203,25 @@ fn transport_jacobian(from: &State, to: &State) -> Matrix6<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn heading_drifts_like_a_rate_and_then_like_a_random_walk() {
+        // Rolled to the side: the vertical is the y axis of the rig.
+        let half = std::f64::consts::FRAC_1_SQRT_2;
+        let pose = RigidTransform::from_wxyz([half, half, 0.0, 0.0], [10.0, 0.0, 0.0]).unwrap();
+        let config = CovarianceConfig::default();
+        let sigma = |seconds: f64| {
+            let drift = heading_drift(&config, &pose, seconds);
+            let other = drift.trace() - drift[(4, 4)];
+            assert!(other.abs() < 1e-15, "{drift}");
+            drift[(4, 4)].sqrt()
+        };
+        assert_eq!(sigma(0.0), 0.0);
+        let early = sigma(2.0) / (2.0 * config.heading_rate_sigma);
+        assert!((0.98..1.0).contains(&early), "{early}");
+        let late = sigma(8000.0) / sigma(2000.0);
+        assert!((late - 2.0).abs() < 0.05, "{late}");
+    }
 
     #[test]
     fn world_tilt_rotates_poses_and_moves_distant_ones_vertically() {

@@ -72,6 +72,11 @@ config! {
         pub rotation_sigma_floor_rad: f64 = 2e-3,
         /// Initial tilt sigma of a rig without an IMU, whose world is not levelled, rad.
         pub initial_tilt_sigma_rad: f64 = 0.35,
+        /// Sigma of a heading rate that matches have in common over many frames, rad/s: 0.001 px
+        /// per frame at 15 Hz. Without it heading is overconfident after a minute.
+        pub heading_rate_sigma: f64 = 6e-5,
+        /// Time over which that rate remains correlated, s.
+        pub heading_rate_correlation_s: f64 = 60.0,
     }
 
     /// Priors of camera extrinsics, translation in m and rotation in rad. Source:
