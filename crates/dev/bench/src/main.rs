@@ -11,6 +11,7 @@ mod camera_imu;
 mod compare;
 mod depth;
 mod encode;
+mod feet;
 mod feet_camera;
 mod foreign;
 mod frame_sync;
@@ -72,6 +73,7 @@ const BENCHMARKS: &[(&str, Run)] = &[
     ("camera_imu", camera_imu::run),
     ("depth", depth::run),
     ("encode", encode::run),
+    ("feet", feet::run),
     ("feet_camera", feet_camera::run),
     ("foreign", foreign::run),
     ("frame_sync", frame_sync::run),

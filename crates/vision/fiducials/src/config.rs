@@ -35,6 +35,9 @@ config! {
         pub max_excess_cost: f64 = 30.0,
         /// Minimum rotation between two poses that count as two, rad.
         pub min_other_rad: f64 = 0.03,
+        /// Standard deviation of the tilt below which no fit is trusted, rad: that of images of the
+        /// simulated rig.
+        pub tilt_floor_rad: f64 = 0.012,
         /// Standard deviation of a corner below which no fit is trusted, as a share of the blur.
         pub corner_floor_ratio: f64 = 0.06,
     }

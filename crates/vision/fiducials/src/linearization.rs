@@ -84,7 +84,11 @@ impl Linearization {
         let half = 0.5 * tag.size_m;
         let in_plane = 0.5 * (pose[(3, 3)] + pose[(4, 4)]) + pose[(2, 2)] * half * half;
         let floor = (config.corner_floor_ratio * self.blur_m).powi(2);
-        Some(pose * (1.0 + floor / in_plane.max(1e-18)))
+        let mut covariance = pose * (1.0 + floor / in_plane.max(1e-18));
+        for k in 0..2 {
+            covariance[(k, k)] += config.tilt_floor_rad * config.tilt_floor_rad;
+        }
+        Some(covariance)
     }
 }
 

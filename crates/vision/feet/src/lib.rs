@@ -1,0 +1,15 @@
+//! Feet of a person who wears the rig.
+//!
+//! [`tag_tracker`] finds the tags on the shoes in the frames of stereo cameras, where the poses of
+//! the rig are known.
+//!
+//! Frames: the world has z up; the frame of a foot has its origin in the middle of the sole, x to
+//! the toe, y to the left, z up from the sole. Nothing here knows sessions, files or images other
+//! than gray ones.
+
+mod config;
+mod prediction;
+pub mod shoe;
+pub mod tag_tracker;
+
+pub use config::{Config, PredictionConfig, SearchConfig};
