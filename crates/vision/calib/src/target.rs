@@ -12,7 +12,6 @@
 mod blur;
 mod chessboard;
 mod config;
-mod decode;
 mod detect;
 mod grid;
 mod lattice;
@@ -21,7 +20,6 @@ mod refine;
 mod saddle;
 mod scene;
 mod smooth;
-mod square;
 
 pub use blur::Blur;
 pub use config::{

@@ -4,12 +4,12 @@ use boards::{Dictionary, Target};
 
 use super::blur::Border;
 use super::config::{Config, LatticeConfig, MarkerConfig};
-use super::decode::{self, Book, Layout};
 use super::lattice::{self, Lattice};
 use super::refine::{self, Window};
 use super::saddle;
 use super::scene::{CornerCandidate, Found, Scene};
-use super::square::{Square, distance};
+use fiducials::decode::{self, Book, Layout};
+use fiducials::square::{Square, distance};
 use imaging::ImageView;
 
 /// Placement of the board's axes in a lattice: `lattice = origin + rotated by quarter turns
@@ -386,7 +386,7 @@ impl Board {
                 continue;
             }
             let Some(reading) = Square::new([a, b, c, d])
-                .and_then(|square| decode::read(image, &square, &self.layout, config))
+                .and_then(|square| decode::read(image, &square, &self.layout, &config.reading()))
             else {
                 continue;
             };

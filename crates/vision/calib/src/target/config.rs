@@ -5,6 +5,7 @@
 //! depends on it was not charted. Pixels are those of the image as given, or of its half.
 
 use estimator_config::config;
+use fiducials::decode::ReadConfig;
 
 config! {
     /// Configuration of the target detection.
@@ -246,5 +247,18 @@ config! {
         /// Weight of round blur and no tone curve, relative to the number of widths: for boards
         /// with too few crossings.
         pub regularization: f64 = 1e-3,
+    }
+}
+
+impl MarkerConfig {
+    /// How cells are read.
+    pub(super) fn reading(&self) -> ReadConfig {
+        let mut config = ReadConfig::default();
+        config.min_contrast = self.min_contrast;
+        config.averaged_cell_px = self.averaged_cell_px;
+        config.sample_spacing_ratio = self.sample_spacing_ratio;
+        config.sharpened_cell_px = self.sharpened_cell_px;
+        config.sharpening = self.sharpening;
+        config
     }
 }

@@ -26,8 +26,8 @@ use imaging::ImageView;
 use super::refine::{self, Window};
 use super::scene::{CornerCandidate, Found, Scene};
 use super::smooth::Smooth;
-use super::square::distance;
 use super::{chessboard, grid};
+use fiducials::square::distance;
 
 /// A detected corner.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -11,11 +11,11 @@ use boards::Target;
 
 use super::blur::Border;
 use super::config::Config;
-use super::decode::{self, Book, Layout};
 use super::refine::{self, Window};
 use super::saddle;
 use super::scene::{CornerCandidate, Found, Scene};
-use super::square::{Square, distance};
+use fiducials::decode::{self, Book, Layout};
+use fiducials::square::{Square, distance};
 use imaging::ImageView;
 
 /// A tag in the image.
@@ -125,9 +125,12 @@ impl Grid {
                 let Some(square) = Square::new(corners) else {
                     continue;
                 };
-                let Some(reading) =
-                    decode::read(image, &square, &self.layout, &scene.config.markers)
-                else {
+                let Some(reading) = decode::read(
+                    image,
+                    &square,
+                    &self.layout,
+                    &scene.config.markers.reading(),
+                ) else {
                     continue;
                 };
                 if reading.border_errors > scene.config.markers.max_border_errors {
@@ -281,7 +284,12 @@ impl Grid {
             let radius = (markers.expected_radius_ratio * side as f32).clamp(low, high);
             saddle::fit_rays(&scene.smooth, *corner, radius, &config.saddles)?;
         }
-        let reading = decode::read(image, &Square::new(corners)?, &self.layout, markers)?;
+        let reading = decode::read(
+            image,
+            &Square::new(corners)?,
+            &self.layout,
+            &markers.reading(),
+        )?;
         let errors = self.book.errors(reading.code, id, 0)?;
         (reading.border_errors <= markers.max_border_errors
             && errors <= markers.max_expected_errors)

@@ -10,7 +10,7 @@ use std::collections::{BTreeMap, VecDeque};
 use super::config::LatticeConfig;
 use super::link::Links;
 use super::saddle::Saddle;
-use super::square::distance;
+use fiducials::square::distance;
 
 /// Steps along x and y: directions 0 +x, 1 +y, 2 -x, 3 -y.
 const STEPS: [[i32; 2]; 4] = [[1, 0], [0, 1], [-1, 0], [0, -1]];

@@ -14,7 +14,7 @@
 
 use super::config::RefinementConfig;
 use super::smooth::{Smooth, UNIT};
-use super::square::distance;
+use fiducials::square::distance;
 
 /// Maximum radius of any window, pixels: the size of its arrays.
 const MAX_WINDOW_PX: f64 = 12.0;

@@ -362,7 +362,7 @@ fn two_boards_in_one_image_are_found() {
     let near = |truth: &[(u32, [f64; 2])], seen: &DetectedCorner| {
         truth
             .iter()
-            .any(|(id, at)| *id == seen.id && square::distance(*at, seen.pixel) < 1.0)
+            .any(|(id, at)| *id == seen.id && fiducials::square::distance(*at, seen.pixel) < 1.0)
     };
     let (one, other) = (left.truth(&a), right.truth(&a));
     let on_one = found.corners.iter().filter(|c| near(&one, c)).count();

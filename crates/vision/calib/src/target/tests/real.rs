@@ -60,7 +60,7 @@ fn the_real_aprilgrids() {
                     .iter()
                     .zip([[262, 888], [357, 883], [352, 790], [256, 795]])
             {
-                let off = square::distance(seen.pixel, by_eye.map(f64::from));
+                let off = fiducials::square::distance(seen.pixel, by_eye.map(f64::from));
                 assert!(off < 6.0, "{seen:?} {by_eye:?}");
             }
         }
@@ -88,7 +88,9 @@ fn the_real_chessboards() {
             // than this.
             for row in found.corners.chunks(9) {
                 for four in row.windows(4) {
-                    let d = |i: usize, j: usize| square::distance(four[i].pixel, four[j].pixel);
+                    let d = |i: usize, j: usize| {
+                        fiducials::square::distance(four[i].pixel, four[j].pixel)
+                    };
                     let ratio = d(0, 2) * d(1, 3) / (d(0, 3) * d(1, 2));
                     assert!(
                         (ratio - 4.0 / 3.0).abs() < 0.04,

@@ -1,0 +1,93 @@
+//! What the cells of a tag show, against what its code says.
+
+use cad_transforms::RigidTransform;
+
+use crate::blur::Blur;
+use crate::levels::Levels;
+use crate::patch::{Patch, cell_at};
+use crate::tag::Tag;
+use crate::tone::Tone;
+use crate::view::Motion;
+
+/// Deviation from which on something hides a cell, and from which on its bit is wrong: 1 is that of
+/// a cell of the other color.
+const HIDDEN: f64 = 0.4;
+const WRONG: f64 = 0.5;
+
+/// Minimum share of a cell in the pattern at its middle by which deviations are scaled.
+const MIN_SHARE: f64 = 0.4;
+
+/// Mean deviations of the cells of a tag in an eye.
+#[derive(Clone, Debug)]
+pub(crate) struct Cells {
+    /// Row by row with margins; `None` outside the image.
+    deviations: Vec<Option<f64>>,
+}
+
+impl Cells {
+    /// Compares all pixels of a patch.
+    pub(crate) fn new(
+        patch: &Patch<'_>,
+        tag: &Tag,
+        pose: &RigidTransform,
+        motion: &Motion,
+        (blur, levels, tone): (&Blur, &Levels, &Tone),
+    ) -> Self {
+        let count = tag.cells() * tag.cells();
+        let mut sums = vec![[0.0; 2]; count];
+        patch.for_each(pose, motion, |pixel, row_pose| {
+            let Some(point) = row_pose.meet(&pixel.ray) else {
+                return;
+            };
+            let Some(cell) = cell_at(tag, point.at) else {
+                return;
+            };
+            let expected = tone.at(blur.sample(tag, &point).value).0;
+            let found = (pixel.level - levels.black) / levels.contrast();
+            // Pixels near the middle of a cell depend on it most.
+            let off = point.at.map(|v| {
+                let place = v / tag.cell_m() + tag.half_cells();
+                place - place.floor() - 0.5
+            });
+            let weight = libm::exp(-8.0 * (off[0] * off[0] + off[1] * off[1]));
+            sums[cell][0] += weight * (found - expected);
+            sums[cell][1] += weight;
+        });
+        // Where cells are blurred into each other, a deviation of all of them is noise.
+        let own = blur.own_share().max(MIN_SHARE);
+        let deviation = |[sum, weight]: [f64; 2]| (weight > 0.05).then(|| sum / weight / own);
+        Self {
+            deviations: sums.into_iter().map(deviation).collect(),
+        }
+    }
+
+    /// Cells that something hides.
+    pub(crate) fn is_hidden(&self) -> Vec<bool> {
+        let hidden = |d: &Option<f64>| d.is_none_or(|d| d.abs() > HIDDEN);
+        self.deviations.iter().map(hidden).collect()
+    }
+
+    /// Share of cells that show the tag.
+    pub(crate) fn visible_share(&self) -> f64 {
+        let hidden = self
+            .is_hidden()
+            .into_iter()
+            .filter(|hidden| *hidden)
+            .count();
+        1.0 - hidden as f64 / self.deviations.len() as f64
+    }
+
+    /// Number of bits that contradict the code, or are outside the image.
+    pub(crate) fn wrong_bits(&self, tag: &Tag) -> u32 {
+        let bits = tag.bits();
+        let cells = bits
+            .clone()
+            .flat_map(|row| bits.clone().map(move |column| (row, column)));
+        let wrong = cells.filter(|&(row, column)| {
+            let towards = if tag.is_white(row, column) { -1.0 } else { 1.0 };
+            let deviation = self.deviations[row * tag.cells() + column];
+            deviation.is_none_or(|deviation| towards * deviation > WRONG)
+        });
+        wrong.count() as u32
+    }
+}

@@ -1,0 +1,120 @@
+//! Pixels of an eye near a tag.
+
+use cad_transforms::RigidTransform;
+use nalgebra::Vector3;
+
+use crate::blur::Blur;
+use crate::config::Config;
+use crate::tag::Tag;
+use crate::view::{Motion, Rays, RowPose, View, pixel_area, window};
+
+/// Distance of the pixels that count from what is around the tag, in sigmas of the blur, besides
+/// half of the motion during the exposure.
+const AROUND_SIGMAS: f64 = 2.0;
+/// Minimum extent of these pixels beyond the black square, cells.
+const MIN_AROUND_CELLS: f64 = -1.5;
+/// Pixels around the tag of which rays are known.
+const MARGIN_PX: f64 = 2.0;
+
+/// Pixels of an eye that count.
+#[derive(Clone, Debug)]
+pub(crate) struct Patch<'a> {
+    /// Index of the view.
+    pub(crate) eye: usize,
+    pub(crate) view: View<'a>,
+    pub(crate) pixels: Vec<Pixel>,
+}
+
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Pixel {
+    /// Ray of length 1 along the optical axis.
+    pub(crate) ray: Vector3<f64>,
+    pub(crate) row: usize,
+    pub(crate) level: f64,
+}
+
+/// What of a tag counts in an eye.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Selection {
+    /// Blur of lens and sensor, px.
+    pub(crate) blur_px: f64,
+    /// Cells, row by row with margins, that something hides.
+    pub(crate) is_hidden: Vec<bool>,
+}
+
+impl Selection {
+    /// Everything.
+    pub(crate) fn all(tag: &Tag, config: &Config) -> Self {
+        Self {
+            blur_px: config.blur_px,
+            is_hidden: vec![false; tag.cells() * tag.cells()],
+        }
+    }
+}
+
+/// The cell at a place of the plane, row by row with margins.
+pub(crate) fn cell_at(tag: &Tag, at: [f64; 2]) -> Option<usize> {
+    let inside = 0.0..tag.cells() as f64;
+    let [x, y] = at.map(|v| v / tag.cell_m() + tag.half_cells());
+    (inside.contains(&x) && inside.contains(&y)).then(|| y as usize * tag.cells() + x as usize)
+}
+
+impl<'a> Patch<'a> {
+    /// The pixels of a view that show a tag; `None` if they are too few.
+    pub(crate) fn new(
+        (eye, view): (usize, &View<'a>),
+        tag: &Tag,
+        pose: &RigidTransform,
+        motion: &Motion,
+        selection: &Selection,
+        config: &Config,
+    ) -> Option<Self> {
+        let (from, size) = window(view, tag, pose, MARGIN_PX)?;
+        let rays = Rays::new(view.lens, from, size)?;
+        let area = pixel_area(view, tag, pose, motion)?;
+        let most = Blur::new(view, tag, pose, motion, selection.blur_px)?
+            .reach_cells(AROUND_SIGMAS)
+            .map(|reach| (1.0 - reach).max(MIN_AROUND_CELLS))
+            .map(|around| (tag.half_square_cells() + around) * tag.cell_m());
+        let mut pixels = Vec::with_capacity(size[0] * size[1]);
+        for row in from[1]..from[1] + size[1] {
+            let row_pose = RowPose::new(view, pose, motion, view.row_s(row));
+            let levels = &view.image.row(row)[from[0]..][..size[0]];
+            for (column, level) in (from[0]..).zip(levels) {
+                let ray = rays.at(column, row);
+                let at = row_pose.meet(&ray)?.at;
+                let counts = at.iter().zip(most).all(|(v, most)| v.abs() < most)
+                    && cell_at(tag, at).is_some_and(|cell| !selection.is_hidden[cell]);
+                if counts {
+                    let level = f64::from(*level);
+                    pixels.push(Pixel { ray, row, level });
+                }
+            }
+        }
+        let expected = 4.0 * most[0] * most[1] / area;
+        let is_enough = pixels.len() as f64 > config.min_share * expected;
+        is_enough.then_some(Self {
+            eye,
+            view: *view,
+            pixels,
+        })
+    }
+
+    /// Calls `each` with every pixel and the pose of its row.
+    pub(crate) fn for_each(
+        &self,
+        pose: &RigidTransform,
+        motion: &Motion,
+        mut each: impl FnMut(&Pixel, &RowPose),
+    ) {
+        let mut row = usize::MAX;
+        let mut row_pose = RowPose::new(&self.view, pose, motion, 0.0);
+        for pixel in &self.pixels {
+            if pixel.row != row {
+                row = pixel.row;
+                row_pose = RowPose::new(&self.view, pose, motion, self.view.row_s(row));
+            }
+            each(pixel, &row_pose);
+        }
+    }
+}
