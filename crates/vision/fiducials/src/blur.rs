@@ -2,13 +2,14 @@
 
 use cad_transforms::RigidTransform;
 
-use crate::patch::{PIXEL_SIGMA, pixel_axes};
 use crate::pattern::{self, Profile};
 use crate::tag::Tag;
-use crate::view::{Motion, PlanePoint, RowPose, View};
+use crate::view::{Motion, PlanePoint, RowPose, View, pixel_axes};
 
 /// Motion between samples of the pattern along a blur by motion, cells.
 const MOTION_STEP_CELLS: f64 = 0.4;
+/// Standard deviation of a pixel's own width, px.
+const PIXEL_SIGMA: f64 = 0.288_675;
 /// Maximum number of these samples.
 const MAX_MOTION_SAMPLES: usize = 11;
 

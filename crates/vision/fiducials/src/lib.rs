@@ -1,10 +1,10 @@
 //! AprilTags of known identity and size in stereo images: their poses from the whole printed
 //! pattern, also where blur hides its corners.
 //!
-//! A detector that looks for corners needs a sharp tag of 20 pixels and gets the range of a tag
-//! from its size, which the tone curve falsifies. Here the identity and the approximate pose of a
-//! tag are known: [`fit()`] compares the drawn tag, blurred as its motion says, with the gray values
-//! of all eyes that see it.
+//! A detector of corners needs a sharp tag of 20 pixels and gets its range from its size, which the
+//! tone curve falsifies. Here the identity and the approximate pose of a tag are known: [`fit()`]
+//! compares the printed tag, blurred as its motion says, with the gray values of all eyes that
+//! see it.
 //!
 //! Frames: a *reference* frame in which the eyes are at rest; the frame of an eye, x right, y down,
 //! z into the image; that of a [`Tag`]. Metres, radians, seconds, pixels, gray levels of 8 bits.

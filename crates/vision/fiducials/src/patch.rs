@@ -6,7 +6,7 @@ use nalgebra::Vector3;
 use crate::blur::Blur;
 use crate::config::Config;
 use crate::tag::Tag;
-use crate::view::{Motion, Rays, RowPose, View, window};
+use crate::view::{Motion, Rays, RowPose, View, pixel_area, window};
 
 /// Distance of the pixels that count from what is around the tag, in sigmas of the blur, besides
 /// half of the motion during the exposure.
@@ -15,8 +15,6 @@ const AROUND_SIGMAS: f64 = 2.0;
 const MIN_AROUND_CELLS: f64 = -1.5;
 /// Pixels around the tag of which rays are known.
 const MARGIN_PX: f64 = 2.0;
-/// Standard deviation of a pixel's own width, px.
-pub(crate) const PIXEL_SIGMA: f64 = 0.288_675;
 
 /// Pixels of an eye that count.
 #[derive(Clone, Debug)]
@@ -119,34 +117,4 @@ impl<'a> Patch<'a> {
             each(pixel, &row_pose);
         }
     }
-}
-
-/// Motion on the plane of a tag, at its middle, by a pixel to the right and one down, m.
-pub(crate) fn pixel_axes(
-    view: &View<'_>,
-    pose: &RigidTransform,
-    motion: &Motion,
-) -> Option<[[f64; 2]; 2]> {
-    let middle = view.eye_from_reference.apply(pose.translation_m());
-    let pixel = view.lens.project(middle)?;
-    let row_pose = RowPose::new(view, pose, motion, 0.0);
-    let at = |dx: f64, dy: f64| {
-        let ray = view.lens.unproject([pixel[0] + dx, pixel[1] + dy])?;
-        Some(row_pose.meet(&Vector3::from(ray))?.at)
-    };
-    let [left, right, up, down] = [at(-0.5, 0.0)?, at(0.5, 0.0)?, at(0.0, -0.5)?, at(0.0, 0.5)?];
-    let between = |a: [f64; 2], b: [f64; 2]| [b[0] - a[0], b[1] - a[1]];
-    Some([between(left, right), between(up, down)])
-}
-
-/// Area of a pixel on the plane of a tag, m²; `None` if the tag is smaller than a pixel.
-pub(crate) fn pixel_area(
-    view: &View<'_>,
-    tag: &Tag,
-    pose: &RigidTransform,
-    motion: &Motion,
-) -> Option<f64> {
-    let [x, y] = pixel_axes(view, pose, motion)?;
-    let area = (x[0] * y[1] - x[1] * y[0]).abs();
-    (area > 0.0 && area < tag.size_m * tag.size_m).then_some(area)
 }

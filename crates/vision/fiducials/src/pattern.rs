@@ -113,8 +113,8 @@ impl Profile {
                 } else {
                     [0.0; 3]
                 };
-                for k in 0..3 {
-                    shares[k][n] = left[k] - right[k];
+                for (shares, (left, right)) in shares.iter_mut().zip(left.iter().zip(right)) {
+                    shares[n] = left - right;
                 }
                 left = right;
             }
@@ -134,9 +134,13 @@ impl Profile {
         let t = place - k as f64;
         let (a, b) = (&self.entries[k], &self.entries[k + 1]);
         let mut shares = [[0.0; MAX_NEAR]; 3];
-        for kind in 0..3 {
-            for n in 0..=2 * self.side {
-                shares[kind][n] = a[kind][n] + (b[kind][n] - a[kind][n]) * t;
+        for (shares, (a, b)) in shares.iter_mut().zip(a.iter().zip(b)) {
+            for (share, (a, b)) in shares
+                .iter_mut()
+                .zip(a.iter().zip(b))
+                .take(2 * self.side + 1)
+            {
+                *share = a + (b - a) * t;
             }
         }
         (cell as isize - self.side as isize, shares)
@@ -150,20 +154,21 @@ pub(crate) fn sample(tag: &Tag, [x, y]: [f64; 2], [across, down]: [&Profile; 2])
     let last = tag.cells() as isize - 1;
     let inside = |first: isize, n: usize| (first + n as isize).clamp(0, last) as usize;
     let mut sum = PatternSample::default();
-    for j in 0..=2 * down.side {
+    let [by_value, by_place, by_blur] = &rows;
+    let rows = by_value.iter().zip(by_place).zip(by_blur);
+    for (j, ((value, place), blur)) in rows.enumerate().take(2 * down.side + 1) {
         let whites = tag.whites(inside(first_row, j));
         let mut row = [0.0; 3];
-        for i in 0..=2 * across.side {
-            let white = whites[inside(first_column, i)];
-            for (sum, share) in row.iter_mut().zip(&columns) {
-                *sum += white * share[i];
+        for (sum, shares) in row.iter_mut().zip(&columns) {
+            for (i, share) in shares.iter().enumerate().take(2 * across.side + 1) {
+                *sum += whites[inside(first_column, i)] * share;
             }
         }
-        sum.value += rows[0][j] * row[0];
-        sum.gradient[0] += rows[0][j] * row[1];
-        sum.gradient[1] += rows[1][j] * row[0];
-        sum.by_log_blur[0] += rows[0][j] * row[2];
-        sum.by_log_blur[1] += rows[2][j] * row[0];
+        sum.value += value * row[0];
+        sum.gradient[0] += value * row[1];
+        sum.gradient[1] += place * row[0];
+        sum.by_log_blur[0] += value * row[2];
+        sum.by_log_blur[1] += blur * row[0];
     }
     sum
 }

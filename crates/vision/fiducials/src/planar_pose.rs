@@ -9,7 +9,8 @@ use crate::tag::Tag;
 
 /// The two poses of a tag in an eye that agree with its corners (in the order of [`Tag::corners`])
 /// near its middle, the better one first. It is exact for exact corners; for those of a small tag
-/// both may be as good. `None` if the corners are no convex square, or the lens does not cover them.
+/// both may be as good. `None` if the corners are no convex square, or if the lens does not cover
+/// them.
 ///
 /// From the homography and its derivative at the middle of the tag, as Collins and Bartoli (2014)
 /// do: unlike its perspective terms, these are well determined for small tags.

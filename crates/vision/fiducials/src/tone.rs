@@ -3,8 +3,8 @@
 /// Entries of the table.
 const ENTRIES: usize = 64;
 
-/// Gray level as a share of the way from black to white, for light as a share of it: gray levels
-/// are a power of light, and black is not without light.
+/// Gray level as a share of the contrast between black and white, by light as such a share: gray
+/// levels are a power of light, and black is not without light.
 #[derive(Clone, Debug)]
 pub(crate) struct Tone {
     table: [f64; ENTRIES + 1],

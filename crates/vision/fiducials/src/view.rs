@@ -193,6 +193,36 @@ pub(crate) fn window(
     Some((from, extent))
 }
 
+/// Motion on the plane of a tag, at its middle, by a pixel to the right and one down, m.
+pub(crate) fn pixel_axes(
+    view: &View<'_>,
+    pose: &RigidTransform,
+    motion: &Motion,
+) -> Option<[[f64; 2]; 2]> {
+    let middle = view.eye_from_reference.apply(pose.translation_m());
+    let pixel = view.lens.project(middle)?;
+    let row_pose = RowPose::new(view, pose, motion, 0.0);
+    let at = |dx: f64, dy: f64| {
+        let ray = view.lens.unproject([pixel[0] + dx, pixel[1] + dy])?;
+        Some(row_pose.meet(&Vector3::from(ray))?.at)
+    };
+    let [left, right, up, down] = [at(-0.5, 0.0)?, at(0.5, 0.0)?, at(0.0, -0.5)?, at(0.0, 0.5)?];
+    let between = |a: [f64; 2], b: [f64; 2]| [b[0] - a[0], b[1] - a[1]];
+    Some([between(left, right), between(up, down)])
+}
+
+/// Area of a pixel on the plane of a tag, m²; `None` if the tag is smaller than a pixel.
+pub(crate) fn pixel_area(
+    view: &View<'_>,
+    tag: &Tag,
+    pose: &RigidTransform,
+    motion: &Motion,
+) -> Option<f64> {
+    let [x, y] = pixel_axes(view, pose, motion)?;
+    let area = (x[0] * y[1] - x[1] * y[0]).abs();
+    (area > 0.0 && area < tag.size_m * tag.size_m).then_some(area)
+}
+
 #[cfg(test)]
 mod tests {
     use camera_models::{CameraModel, Distortion};
