@@ -123,11 +123,11 @@ pub(crate) struct HeadingDrift {
 }
 
 impl HeadingDrift {
-    /// Adds the rotation of the rig at a later time.
-    pub(crate) fn add(&mut self, time_ns: i64, world_from_rig: &UnitQuaternion<f64>) {
+    /// Adds the rotation of the body at a later time.
+    pub(crate) fn add(&mut self, time_ns: i64, world_from_body: &UnitQuaternion<f64>) {
         self.begin_ns.get_or_insert(time_ns);
-        if let Some(last) = self.last.replace(*world_from_rig) {
-            self.turn_rad += (world_from_rig * last.inverse()).scaled_axis().z;
+        if let Some(last) = self.last.replace(*world_from_body) {
+            self.turn_rad += (world_from_body * last.inverse()).scaled_axis().z;
         }
     }
 
