@@ -4,10 +4,10 @@
 //! planar target that is far away or small has two poses; the one with the smaller residual is
 //! returned, with the ratio of the residuals, because near 1 the choice is ambiguous.
 
-use cad_transforms::{RigidTransform, so3};
+use cad_transforms::RigidTransform;
 use camera_models::{CameraModel, Lens};
 use estimator_config::config;
-use nalgebra::{Matrix3, SMatrix, SVector, UnitQuaternion, Vector3};
+use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 
 use crate::adjust::{LocateConfig, Point, locate};
 
@@ -64,7 +64,7 @@ pub struct PlanarPose {
 pub fn planar(model: &CameraModel, points: &[Point], config: &Config) -> Option<PlanarPose> {
     let start = from_homography(&Lens::new(model), points, config)?;
     let found = locate(model, points, &start, &config.locate).ok()?;
-    let (best, other) = match mirrored(&found.0, points) {
+    let (best, other) = match fiducials::mirrored(&found.0, middle(points)) {
         None => (found, None),
         Some(other) => match locate(model, points, &other, &config.locate).ok() {
             Some(other) if other.1 < found.1 => (other, Some(found)),
@@ -149,22 +149,10 @@ fn from_homography(lens: &Lens, points: &[Point], config: &Config) -> Option<Rig
     RigidTransform::from_rotation_rows(std::array::from_fn(|i| rows.as_slice()[i]), at.into()).ok()
 }
 
-/// The target tilted the other way about its middle, as projected into the eye.
-fn mirrored(eye_from_target: &RigidTransform, points: &[Point]) -> Option<RigidTransform> {
+/// Middle of points.
+fn middle(points: &[Point]) -> [f64; 3] {
     let n = points.len() as f64;
-    let middle: [f64; 3] =
-        std::array::from_fn(|i| points.iter().map(|p| p.x_in_target[i]).sum::<f64>() / n);
-    let at = Vector3::from(eye_from_target.apply(middle));
-    let bearing = at.try_normalize(0.0)?;
-    let normal = Vector3::from(eye_from_target.rotate([0.0, 0.0, 1.0]));
-    let axis = bearing.cross(&normal);
-    let angle = libm::atan2(axis.norm(), bearing.dot(&normal));
-    let axis = axis.try_normalize(1e-9)?;
-    let turn = so3::exp(axis * (-2.0 * angle));
-    let rotation = UnitQuaternion::new_normalize((turn * eye_from_target.rotation()).into_inner());
-    let t = at - rotation * Vector3::from(middle);
-    let q = rotation.into_inner();
-    RigidTransform::from_wxyz([q.w, q.i, q.j, q.k], t.into()).ok()
+    std::array::from_fn(|i| points.iter().map(|p| p.x_in_target[i]).sum::<f64>() / n)
 }
 
 #[cfg(test)]

@@ -3,7 +3,7 @@
 use cad_transforms::RigidTransform;
 use nalgebra::Vector3;
 
-use crate::levels::Moments;
+use crate::moments::Moments;
 use crate::patch::Patch;
 use crate::pattern::{self, Profile};
 use crate::tag::Tag;

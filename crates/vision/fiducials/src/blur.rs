@@ -28,7 +28,7 @@ pub(crate) struct Blur {
 
 /// The blurred pattern at a point.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Blurred {
+pub(crate) struct BlurSample {
     /// From 0, black, to 1, white.
     pub(crate) value: f64,
     /// Gradient, 1/m.
@@ -78,9 +78,9 @@ impl Blur {
     }
 
     /// The pattern at a point of the plane.
-    pub(crate) fn sample(&self, tag: &Tag, point: &PlanePoint) -> Blurred {
+    pub(crate) fn sample(&self, tag: &Tag, point: &PlanePoint) -> BlurSample {
         let cell = tag.cell_m();
-        let mut sum = Blurred {
+        let mut sum = BlurSample {
             value: 0.0,
             gradient: [0.0; 2],
             by_log_blur: 0.0,

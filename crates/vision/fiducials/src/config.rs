@@ -6,11 +6,11 @@ config! {
     /// Configuration of [`fit`](crate::fit()).
     pub struct Config {
         /// Correlation of all eyes with the pattern at the start from which on it is not moved.
-        pub aligned_correlation: f64 = 0.8,
+        pub min_start_correlation: f64 = 0.8,
         /// Maximum number of iterations.
         pub max_iterations: usize = 12,
         /// Motion of the corners in an iteration at which the fit has converged, cells.
-        pub converged_cells: f64 = 0.002,
+        pub convergence_cells: f64 = 0.002,
         /// Noise of a pixel that no fit is better than, gray levels.
         pub noise_levels: f64 = 2.0,
         /// Residuals beyond this multiple of their median count less.

@@ -116,8 +116,8 @@ struct Solution {
     selections: Vec<Selection>,
     visible_share: Vec<f64>,
     wrong_bits: u32,
-    /// The first view that was used.
-    first_eye: usize,
+    /// The views that were used.
+    eyes: Vec<usize>,
 }
 
 impl<'a> Fitter<'a> {
@@ -135,7 +135,7 @@ impl<'a> Fitter<'a> {
         let patches = self.patches(start, selections);
         let problem = self.problem(&patches);
         let evaluation = problem.evaluate(start, 0.0)?;
-        if problem.correlation(&evaluation) > self.config.aligned_correlation {
+        if problem.correlation(&evaluation) > self.config.min_start_correlation {
             return Some(*start);
         }
         let aligner = Aligner {
@@ -157,19 +157,22 @@ impl<'a> Fitter<'a> {
         let mut damping = 1e-3;
         for _ in 0..self.config.max_iterations {
             let step = at.step(damping)?;
-            let moved = state.moved(&step)?;
-            let patterns = problem.evaluate(&moved.pose, moved.log_blur)?;
-            let next = problem.linearize(&moved, &patterns, noise)?;
-            if next.cost > at.cost {
+            let moved = state.after(&step)?;
+            let patterns = problem.evaluate(&moved.pose, moved.log_blur);
+            let next = patterns.and_then(|patterns| {
+                let next = problem.linearize(&moved, &patterns, noise)?;
+                (next.cost <= at.cost).then_some((patterns, next))
+            });
+            let Some((patterns, next)) = next else {
                 if damping > 1e5 {
                     break;
                 }
                 damping *= 8.0;
                 continue;
-            }
+            };
             (state, evaluation) = (moved, patterns);
             damping *= 0.2;
-            let is_converged = self.corner_motion(&step) < self.config.converged_cells;
+            let is_converged = self.corner_motion(&step) < self.config.convergence_cells;
             // Noise is overestimated before convergence.
             let lower = problem.noise(&state, &evaluation);
             let is_settled = lower > 0.9 * noise;
@@ -182,17 +185,24 @@ impl<'a> Fitter<'a> {
                 break;
             }
         }
-        self.judged(&problem, state, at)
+        self.solution(&problem, state, at)
     }
 
     /// The solution with the tag tilted the other way, and its cost above that of the first one;
     /// `None` if there is no second minimum.
     fn other(&self, first: &Solution, selections: &[Selection]) -> Option<(Solution, f64)> {
-        let eye_from_reference = self.views[first.first_eye].eye_from_reference;
-        let start = mirrored(&(eye_from_reference * first.state.pose))?;
+        let eye_from_reference = self.views[*first.eyes.first()?].eye_from_reference;
+        let start = mirrored(&(eye_from_reference * first.state.pose), [0.0; 3])?;
         let start = eye_from_reference.inverse() * start;
         // By the same pixels and the same noise.
         let patches = self.patches(&first.state.pose, selections);
+        if !patches
+            .iter()
+            .map(|patch| patch.eye)
+            .eq(first.eyes.iter().copied())
+        {
+            return None;
+        }
         let problem = self.problem(&patches);
         let evaluation = problem.evaluate(&first.state.pose, first.state.log_blur)?;
         let noise = problem.noise(&first.state, &evaluation);
@@ -210,7 +220,7 @@ impl<'a> Fitter<'a> {
         }
         let other = self.solve(&start, selections)?;
         let between = first.state.pose.inverse() * other.state.pose;
-        if between.angle_rad() < self.config.min_other_rad {
+        if between.angle_rad() < self.config.min_other_rad || other.eyes != first.eyes {
             return None;
         }
         let excess = cost(&other.state)? - least;
@@ -227,7 +237,7 @@ impl<'a> Fitter<'a> {
     }
 
     /// The solution with what each eye sees of the tag.
-    fn judged(&self, problem: &Problem<'_>, state: State, at: Linearization) -> Option<Solution> {
+    fn solution(&self, problem: &Problem<'_>, state: State, at: Linearization) -> Option<Solution> {
         let all = Selection::all(self.tag, self.config);
         let lens_px = self.config.blur_px * libm::exp(state.log_blur);
         let mut selections = vec![all.clone(); self.views.len()];
@@ -253,7 +263,7 @@ impl<'a> Fitter<'a> {
             selections,
             visible_share,
             wrong_bits,
-            first_eye: problem.patches.first()?.eye,
+            eyes: problem.patches.iter().map(|patch| patch.eye).collect(),
         })
     }
 

@@ -18,6 +18,7 @@ pub mod decode;
 mod fit;
 mod levels;
 mod linearization;
+mod moments;
 mod patch;
 mod pattern;
 mod planar_pose;
@@ -33,7 +34,7 @@ mod view;
 
 pub use config::Config;
 pub use fit::{Fit, Minimum, fit};
-pub use planar_pose::poses_from_corners;
+pub use planar_pose::{mirrored, poses_from_corners};
 pub use quadrilateral::QuadrilateralConfig;
 pub use regions::RegionConfig;
 pub use search::{Detection, SearchConfig, Searcher};

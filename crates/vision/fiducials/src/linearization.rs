@@ -5,7 +5,8 @@ use nalgebra::{DMatrix, DVector, Matrix6};
 
 use crate::blur::Blur;
 use crate::config::Config;
-use crate::levels::{Levels, Moments};
+use crate::levels::Levels;
+use crate::moments::Moments;
 use crate::patch::Patch;
 use crate::tag::Tag;
 use crate::tone::Tone;
@@ -36,7 +37,7 @@ pub(crate) struct State {
 
 impl State {
     /// The state after a step.
-    pub(crate) fn moved(&self, step: &DVector<f64>) -> Option<Self> {
+    pub(crate) fn after(&self, step: &DVector<f64>) -> Option<Self> {
         let [a, b, c, x, y, z] = std::array::from_fn(|k| step[k]);
         let small = RigidTransform::from_rotation_vector([a, b, c], [x, y, z]).ok()?;
         let levels = self.levels.iter().enumerate().map(|(k, levels)| Levels {
@@ -123,9 +124,10 @@ impl Problem<'_> {
         Blur::new(&patch.view, self.tag, pose, self.motion, lens_px)
     }
 
-    /// Patterns at a pose and the logarithm of a blur; `None` if the tag is behind an eye.
+    /// Patterns at a pose and the logarithm of a blur; `None` without pixels, or if one of them
+    /// does not show the front of the tag: with fewer residuals a state would have a lower cost.
     pub(crate) fn evaluate(&self, pose: &RigidTransform, log_blur: f64) -> Option<Evaluation> {
-        let count = self.patches.iter().map(|patch| patch.pixels.len()).sum();
+        let count: usize = self.patches.iter().map(|patch| patch.pixels.len()).sum();
         let mut rows = Vec::with_capacity(count);
         for (k, patch) in self.patches.iter().enumerate() {
             let blur = self.blur(patch, pose, log_blur)?;
@@ -148,7 +150,7 @@ impl Problem<'_> {
                 });
             });
         }
-        Some(Evaluation { rows })
+        (!rows.is_empty() && rows.len() == count).then_some(Evaluation { rows })
     }
 
     /// Lowest correlation of the eyes' gray levels with the pattern.

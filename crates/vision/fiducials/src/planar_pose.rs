@@ -101,15 +101,17 @@ pub fn poses_from_corners(
 /// Step of the derivative at the middle, as a share of the side.
 const SLOPE_STEP: f64 = 1e-4;
 
-/// The tag tilted the other way about its middle, as an eye sees it: nearly the same corners.
+/// A plane tilted the other way about a point of it, as an eye sees it: nearly the same image.
 /// `None` if it faces the eye exactly.
-pub(crate) fn mirrored(eye_from_tag: &RigidTransform) -> Option<RigidTransform> {
-    let bearing = eye_from_tag.translation().try_normalize(0.0)?;
-    let normal = Vector3::from(eye_from_tag.rotate([0.0, 0.0, 1.0]));
+pub fn mirrored(eye_from_plane: &RigidTransform, middle: [f64; 3]) -> Option<RigidTransform> {
+    let at = Vector3::from(eye_from_plane.apply(middle));
+    let bearing = at.try_normalize(0.0)?;
+    let normal = Vector3::from(eye_from_plane.rotate([0.0, 0.0, 1.0]));
     let axis = bearing.cross(&normal);
     let angle = libm::atan2(axis.norm(), bearing.dot(&normal));
     let turn = so3::exp(axis.try_normalize(1e-9)? * (-2.0 * angle));
-    let rotation = UnitQuaternion::new_normalize((turn * eye_from_tag.rotation()).into_inner());
+    let rotation = UnitQuaternion::new_normalize((turn * eye_from_plane.rotation()).into_inner());
+    let translation = at - rotation * Vector3::from(middle);
     let q = rotation.into_inner();
-    RigidTransform::from_wxyz([q.w, q.i, q.j, q.k], eye_from_tag.translation_m()).ok()
+    RigidTransform::from_wxyz([q.w, q.i, q.j, q.k], translation.into()).ok()
 }

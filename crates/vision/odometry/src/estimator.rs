@@ -13,7 +13,7 @@ use nalgebra::{DMatrix, Matrix3, Matrix6, Vector3};
 use rayon::prelude::*;
 
 use crate::backend::covariance::{
-    NewestCovariance, heading_drift, in_rig_frame, relative_in_rig_frame, tilt_uncertainty,
+    HeadingDrift, NewestCovariance, in_rig_frame, relative_in_rig_frame, tilt_uncertainty,
 };
 use crate::config::Config;
 use crate::estimator::reinitialization::ResetUncertainty;
@@ -131,8 +131,7 @@ pub struct Odometry {
     unmodeled: Option<ResetUncertainty>,
     camera_shifts: Vec<CameraShift>,
     number: u64,
-    /// Time of the first frame set, ns.
-    begin_ns: Option<i64>,
+    heading_drift: HeadingDrift,
     next_track: u64,
     /// Features of the last keyframe: camera, track id, ray.
     reference: Vec<(usize, u64, Vector3<f64>)>,
@@ -187,7 +186,7 @@ impl Odometry {
             unmodeled: None,
             camera_shifts: Vec::new(),
             number: 0,
-            begin_ns: None,
+            heading_drift: HeadingDrift::default(),
             next_track: 0,
             reference: Vec::new(),
             pending: BTreeMap::new(),
@@ -252,7 +251,6 @@ impl Odometry {
     pub fn add_frames(&mut self, set: &FrameSet<'_>) -> Estimate {
         let time_ns = set.time_ns;
         self.number += 1;
-        self.begin_ns.get_or_insert(time_ns);
         let pyramid = &self.config.frontend.pyramid;
         let pyramids: Vec<Option<(Pyramid, Pyramid)>> = (set.views.par_iter())
             .map(|view| {
@@ -369,6 +367,7 @@ impl Odometry {
         }
         self.newest_is_keyframe = is_keyframe;
         self.is_lost |= !is_connected && self.needs_reinitialization(time_ns, &covariance);
+        (self.heading_drift).add(time_ns, &window.newest().state.rotation);
         let estimate = self.estimate(
             &window,
             &covariance,
@@ -547,8 +546,8 @@ impl Odometry {
         let arm = body.translation();
         let velocity = state.velocity + state.rotation * state.rate().cross(arm);
         let world_from_rig = state.world_from_rig(body);
-        let ns = self.begin_ns.map_or(0, |begin| state.time_ns - begin);
-        covariance += heading_drift(config, &world_from_rig, 1e-9 * ns as f64);
+        let drift = &self.heading_drift;
+        covariance += drift.covariance(config, state.time_ns, &world_from_rig);
         if self.imus.is_none() {
             covariance += tilt_uncertainty(config, &world_from_rig);
         }
