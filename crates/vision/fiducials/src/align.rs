@@ -3,10 +3,11 @@
 use cad_transforms::RigidTransform;
 use nalgebra::Vector3;
 
+use crate::blur::Blur;
 use crate::moments::Moments;
 use crate::patch::Patch;
-use crate::pattern::{self, Profile};
 use crate::tag::Tag;
+use crate::template::Template;
 use crate::view::Motion;
 
 /// Displacements that are tried along each axis, in steps, and a step, cells.
@@ -14,59 +15,23 @@ const STEPS: i32 = 4;
 const STEP_CELLS: f64 = 0.4;
 /// Blur of the pattern here, cells.
 const BLUR_CELLS: f64 = 0.5;
-/// Entries of the blurred pattern per cell.
-const PER_CELL: f64 = 4.0;
 
 pub(crate) struct Aligner<'a> {
-    pub(crate) patches: &'a [Patch<'a>],
+    pub(crate) patches: &'a [&'a Patch<'a>],
     pub(crate) tag: &'a Tag,
     pub(crate) motion: &'a Motion,
-}
-
-/// The blurred pattern in a table.
-struct Template {
-    side: usize,
-    half_cells: f64,
-    values: Vec<f64>,
-}
-
-impl Template {
-    fn new(tag: &Tag) -> Self {
-        let half_cells = tag.half_cells() + 1.0;
-        let side = (2.0 * half_cells * PER_CELL) as usize + 1;
-        let profile = Profile::new(BLUR_CELLS);
-        let place = |i: usize| i as f64 / PER_CELL - half_cells;
-        let values = (0..side * side)
-            .map(|i| {
-                let at = [place(i % side), place(i / side)];
-                pattern::sample(tag, at, [&profile; 2]).value
-            })
-            .collect();
-        Self {
-            side,
-            half_cells,
-            values,
-        }
-    }
-
-    fn at(&self, place: [f64; 2]) -> f64 {
-        let last = (self.side - 2) as f64;
-        let [x, y] = place.map(|v| ((v + self.half_cells) * PER_CELL).clamp(0.0, last));
-        let (i, j) = (x as usize, y as usize);
-        let (s, t) = (x - i as f64, y - j as f64);
-        let row = |j: usize| {
-            let at = j * self.side + i;
-            self.values[at] * (1.0 - s) + self.values[at + 1] * s
-        };
-        row(j) * (1.0 - t) + row(j + 1) * t
-    }
 }
 
 impl Aligner<'_> {
     /// The start, moved in the plane of the tag to where it correlates best with the first eye, and
     /// then along the ray to where it does with all.
     pub(crate) fn align(&self, start: &RigidTransform) -> RigidTransform {
-        let template = Template::new(self.tag);
+        let blur = Blur {
+            sigma: [BLUR_CELLS; 2],
+            lens_share: 1.0,
+            motion: [0.0; 2],
+        };
+        let template = Template::new(self.tag, &blur);
         let eyes = 0..self.patches.len();
         let step = STEP_CELLS * self.tag.cell_m();
         let mut best = (self.correlation(&template, 0, start), *start);
@@ -110,14 +75,14 @@ impl Aligner<'_> {
 
     /// Correlation of the gray levels of an eye with the pattern.
     fn correlation(&self, template: &Template, eye: usize, pose: &RigidTransform) -> f64 {
-        let patch = &self.patches[eye];
+        let patch = self.patches[eye];
         let cell = self.tag.cell_m();
         let mut moments = Moments::default();
         patch.for_each(pose, self.motion, |pixel, row_pose| {
             let Some(point) = row_pose.meet(&pixel.ray) else {
                 return;
             };
-            let expected = template.at(point.at.map(|v| v / cell));
+            let expected = template.at(point.at.map(|v| v / cell)).value;
             moments.add(expected, pixel.level);
         });
         moments.correlation()

@@ -13,10 +13,10 @@ use crate::align::Aligner;
 use crate::cells::Cells;
 use crate::config::Config;
 use crate::linearization::{Linearization, Problem, State};
-use crate::patch::{Patch, Selection};
+use crate::patch::{Patch, Selection, Window};
 use crate::planar_pose::mirrored;
 use crate::tag::Tag;
-use crate::view::{Motion, View};
+use crate::view::{Motion, PlanePoint, View};
 
 /// A fitted tag.
 #[derive(Clone, Debug)]
@@ -51,6 +51,8 @@ pub struct Minimum {
 /// Cost above that of the first pose at which the start of a second one is given up, relative to
 /// the maximum after its fit.
 const START_EXCESS: f64 = 10.0;
+/// Convergence before pixels are selected again, as a multiple of that after it.
+const FIRST_CONVERGENCE: f64 = 10.0;
 /// Rotation about the axes in the plane that moves a corner, relative to rotation in the plane.
 const TILT_SHARE: f64 = 0.2;
 
@@ -63,17 +65,21 @@ pub fn fit(
     motion: &Motion,
     config: &Config,
 ) -> Option<Fit> {
-    let fitter = Fitter {
-        views,
+    let mut fitter = Fitter {
+        views: views.len(),
+        windows: windows(views, tag, start),
         tag,
         motion,
         config,
     };
     let all = vec![Selection::all(tag, config); views.len()];
     let aligned = fitter.align(start, &all)?;
+    if !fitter.windows.iter().all(|own| own.covers(tag, &aligned)) {
+        fitter.windows = windows(views, tag, &aligned);
+    }
     // Pixels are selected by the pose, the blur and what hides the tag: again once these are known.
-    let first = fitter.solve(&aligned, &all)?;
-    let second = fitter.solve(&first.state.pose, &first.selections)?;
+    let first = fitter.solve(&Start::at(aligned), &all, FIRST_CONVERGENCE)?;
+    let second = fitter.solve(&first.as_start(), &first.selections, 1.0)?;
     if second.wrong_bits > config.max_wrong_bits {
         return None;
     }
@@ -101,11 +107,39 @@ pub fn fit(
     })
 }
 
+/// Pixels around a tag, of the eyes that see it.
+fn windows<'a>(views: &[View<'a>], tag: &Tag, pose: &RigidTransform) -> Vec<Window<'a>> {
+    let views = views.iter().enumerate();
+    views
+        .filter_map(|view| Window::new(view, tag, pose))
+        .collect()
+}
+
 struct Fitter<'a> {
-    views: &'a [View<'a>],
+    /// Number of views.
+    views: usize,
+    /// Of those that see the tag.
+    windows: Vec<Window<'a>>,
     tag: &'a Tag,
     motion: &'a Motion,
     config: &'a Config,
+}
+
+/// Where a fit starts.
+struct Start {
+    pose: RigidTransform,
+    log_blur: f64,
+    tone: Option<f64>,
+}
+
+impl Start {
+    fn at(pose: RigidTransform) -> Self {
+        Self {
+            pose,
+            log_blur: 0.0,
+            tone: None,
+        }
+    }
 }
 
 /// A converged fit.
@@ -120,47 +154,72 @@ struct Solution {
     eyes: Vec<usize>,
 }
 
-impl<'a> Fitter<'a> {
-    fn patches(&self, pose: &RigidTransform, selections: &[Selection]) -> Vec<Patch<'a>> {
-        let views = self.views.iter().enumerate().zip(selections);
-        views
-            .filter_map(|(view, selection)| {
-                Patch::new(view, self.tag, pose, self.motion, selection, self.config)
-            })
-            .collect()
+impl Solution {
+    fn as_start(&self) -> Start {
+        Start {
+            pose: self.state.pose,
+            log_blur: self.state.log_blur,
+            tone: Some(self.state.tone),
+        }
+    }
+}
+
+impl Fitter<'_> {
+    /// Selected pixels near a pose, and the pattern with a blur there; `None` if no eye shows
+    /// enough.
+    fn problem(
+        &self,
+        (pose, log_blur): (&RigidTransform, f64),
+        selections: &[Selection],
+    ) -> Option<Problem<'_>> {
+        let (tag, motion, config) = (self.tag, self.motion, self.config);
+        let windows = self.windows.iter();
+        let patches: Vec<Patch<'_>> = windows
+            .filter_map(|own| Patch::new(own, tag, pose, motion, &selections[own.eye], config))
+            .collect();
+        if patches.is_empty() {
+            return None;
+        }
+        Problem::new(patches, tag, motion, config, (pose, log_blur))
     }
 
     /// A start from which the fit converges.
     fn align(&self, start: &RigidTransform, selections: &[Selection]) -> Option<RigidTransform> {
-        let patches = self.patches(start, selections);
-        let problem = self.problem(&patches);
+        let problem = self.problem((start, 0.0), selections)?;
         let evaluation = problem.evaluate(start, 0.0)?;
         if problem.correlation(&evaluation) > self.config.min_start_correlation {
             return Some(*start);
         }
+        let patches: Vec<&Patch<'_>> = problem.patches.iter().map(|own| &own.patch).collect();
         let aligner = Aligner {
             patches: &patches,
             tag: self.tag,
             motion: self.motion,
         };
-        (!patches.is_empty()).then(|| aligner.align(start))
+        Some(aligner.align(start))
     }
 
-    /// The pose near a start from the pixels that count.
-    fn solve(&self, start: &RigidTransform, selections: &[Selection]) -> Option<Solution> {
-        let patches = self.patches(start, selections);
-        let problem = self.problem(&patches);
-        let mut evaluation = problem.evaluate(start, 0.0)?;
-        let mut state = problem.start(start, &evaluation)?;
+    /// The pose near a start from the pixels that count; `convergence` as a multiple of the
+    /// configured one.
+    fn solve(
+        &self,
+        start: &Start,
+        selections: &[Selection],
+        convergence: f64,
+    ) -> Option<Solution> {
+        let problem = self.problem((&start.pose, start.log_blur), selections)?;
+        let mut evaluation = problem.evaluate(&start.pose, start.log_blur)?;
+        let mut state = problem.start(&start.pose, start.log_blur, &evaluation)?;
+        state.tone = start.tone.unwrap_or(state.tone);
         let mut noise = problem.noise(&state, &evaluation);
-        let mut at = problem.linearize(&state, &evaluation, noise)?;
+        let mut at = problem.linearize(&state, &evaluation, noise);
         let mut damping = 1e-3;
         for _ in 0..self.config.max_iterations {
             let step = at.step(damping)?;
             let moved = state.after(&step)?;
             let patterns = problem.evaluate(&moved.pose, moved.log_blur);
             let next = patterns.and_then(|patterns| {
-                let next = problem.linearize(&moved, &patterns, noise)?;
+                let next = problem.linearize(&moved, &patterns, noise);
                 (next.cost <= at.cost).then_some((patterns, next))
             });
             let Some((patterns, next)) = next else {
@@ -172,14 +231,15 @@ impl<'a> Fitter<'a> {
             };
             (state, evaluation) = (moved, patterns);
             damping *= 0.2;
-            let is_converged = self.corner_motion(&step) < self.config.convergence_cells;
+            let motion = self.corner_motion(&step);
+            let is_converged = motion < convergence * self.config.convergence_cells;
             // Noise is overestimated before convergence.
             let lower = problem.noise(&state, &evaluation);
             let is_settled = lower > 0.9 * noise;
             noise = lower;
             at = match is_settled {
                 true => next,
-                false => problem.linearize(&state, &evaluation, noise)?,
+                false => problem.linearize(&state, &evaluation, noise),
             };
             if is_converged && is_settled {
                 break;
@@ -191,24 +251,24 @@ impl<'a> Fitter<'a> {
     /// The solution with the tag tilted the other way, and its cost above that of the first one;
     /// `None` if there is no second minimum.
     fn other(&self, first: &Solution, selections: &[Selection]) -> Option<(Solution, f64)> {
-        let eye_from_reference = self.views[*first.eyes.first()?].eye_from_reference;
+        let of_eye = self
+            .windows
+            .iter()
+            .find(|own| own.eye == first.eyes[0])?
+            .view;
+        let eye_from_reference = of_eye.eye_from_reference;
         let start = mirrored(&(eye_from_reference * first.state.pose), [0.0; 3])?;
         let start = eye_from_reference.inverse() * start;
         // By the same pixels and the same noise.
-        let patches = self.patches(&first.state.pose, selections);
-        if !patches
-            .iter()
-            .map(|patch| patch.eye)
-            .eq(first.eyes.iter().copied())
-        {
+        let problem = self.problem((&first.state.pose, first.state.log_blur), selections)?;
+        if !eyes(&problem).eq(first.eyes.iter().copied()) {
             return None;
         }
-        let problem = self.problem(&patches);
         let evaluation = problem.evaluate(&first.state.pose, first.state.log_blur)?;
         let noise = problem.noise(&first.state, &evaluation);
         let cost = |state: &State| {
             let evaluation = problem.evaluate(&state.pose, state.log_blur)?;
-            Some(problem.linearize(state, &evaluation, noise)?.cost)
+            Some(problem.linearize(state, &evaluation, noise).cost)
         };
         let least = cost(&first.state)?;
         let at_start = State {
@@ -218,7 +278,11 @@ impl<'a> Fitter<'a> {
         if cost(&at_start)? - least > START_EXCESS * self.config.max_excess_cost {
             return None;
         }
-        let other = self.solve(&start, selections)?;
+        let from = Start {
+            pose: start,
+            ..first.as_start()
+        };
+        let other = self.solve(&from, selections, 1.0)?;
         let between = first.state.pose.inverse() * other.state.pose;
         if between.angle_rad() < self.config.min_other_rad || other.eyes != first.eyes {
             return None;
@@ -227,33 +291,25 @@ impl<'a> Fitter<'a> {
         Some((other, excess))
     }
 
-    fn problem<'p>(&'p self, patches: &'p [Patch<'p>]) -> Problem<'p> {
-        Problem {
-            patches,
-            tag: self.tag,
-            motion: self.motion,
-            config: self.config,
-        }
-    }
-
     /// The solution with what each eye sees of the tag.
     fn solution(&self, problem: &Problem<'_>, state: State, at: Linearization) -> Option<Solution> {
-        let all = Selection::all(self.tag, self.config);
-        let lens_px = self.config.blur_px * libm::exp(state.log_blur);
-        let mut selections = vec![all.clone(); self.views.len()];
-        let mut visible_share = vec![0.0; self.views.len()];
+        let (tag, motion, pose) = (self.tag, self.motion, &state.pose);
+        let mut selections = vec![Selection::all(tag, self.config); self.views];
+        let mut visible_share = vec![0.0; self.views];
         let mut wrong_bits = u32::MAX;
-        for (patch, levels) in problem.patches.iter().zip(&state.levels) {
-            let view = (patch.eye, &patch.view);
-            let (tag, motion) = (self.tag, self.motion);
-            let whole = Patch::new(view, tag, &state.pose, motion, &all, self.config)?;
-            let blur = problem.blur(patch, &state.pose, state.log_blur)?;
+        for (patterned, levels) in problem.patches.iter().zip(&state.levels) {
+            let eye = patterned.patch.eye;
+            let window = self.windows.iter().find(|own| own.eye == eye)?;
             let tone = levels.tone(state.tone);
-            let cells = Cells::new(&whole, tag, &state.pose, motion, (&blur, levels, &tone));
-            visible_share[patch.eye] = cells.visible_share();
+            let light = |point: &PlanePoint| {
+                patterned.pattern(tag, point.at, state.log_blur).value
+            };
+            let light = (light, patterned.blur.own_share());
+            let cells = Cells::new(window, tag, pose, motion, (levels, &tone), light);
+            visible_share[eye] = cells.visible_share();
             wrong_bits = wrong_bits.min(cells.wrong_bits(tag));
-            selections[patch.eye] = Selection {
-                blur_px: lens_px,
+            selections[eye] = Selection {
+                blur_px: self.config.blur_px * libm::exp(state.log_blur),
                 is_hidden: cells.is_hidden(),
             };
         }
@@ -263,7 +319,7 @@ impl<'a> Fitter<'a> {
             selections,
             visible_share,
             wrong_bits,
-            eyes: problem.patches.iter().map(|patch| patch.eye).collect(),
+            eyes: eyes(problem).collect(),
         })
     }
 
@@ -274,6 +330,11 @@ impl<'a> Fitter<'a> {
         let along = TILT_SHARE * step[5].abs();
         turn + (libm::hypot(step[3], step[4]) + along) / self.tag.cell_m()
     }
+}
+
+/// The views that a problem uses.
+fn eyes(problem: &Problem<'_>) -> impl Iterator<Item = usize> {
+    problem.patches.iter().map(|own| own.patch.eye)
 }
 
 #[cfg(test)]

@@ -27,6 +27,7 @@ mod regions;
 mod search;
 pub mod square;
 mod tag;
+mod template;
 #[cfg(test)]
 mod test_images;
 mod tone;

@@ -8,7 +8,9 @@ use crate::config::Config;
 use crate::levels::Levels;
 use crate::moments::Moments;
 use crate::patch::Patch;
+use crate::pattern::PatternSample;
 use crate::tag::Tag;
+use crate::template::Template;
 use crate::tone::Tone;
 use crate::view::{Motion, by_motion};
 
@@ -95,116 +97,168 @@ impl Linearization {
 
 /// What is fitted.
 pub(crate) struct Problem<'a> {
-    pub(crate) patches: &'a [Patch<'a>],
-    pub(crate) tag: &'a Tag,
-    pub(crate) motion: &'a Motion,
-    pub(crate) config: &'a Config,
+    pub(crate) patches: Vec<PatternedPatch<'a>>,
+    tag: &'a Tag,
+    motion: &'a Motion,
+    config: &'a Config,
+}
+
+/// Pixels of an eye, and the pattern that they are compared with.
+pub(crate) struct PatternedPatch<'a> {
+    pub(crate) patch: Patch<'a>,
+    pub(crate) blur: Blur,
+    template: Template,
+    /// Logarithm of the lens's blur in the template.
+    log_blur: f64,
+}
+
+impl PatternedPatch<'_> {
+    /// The pattern at a place of the tag's plane, with derivatives per metre.
+    pub(crate) fn pattern(&self, tag: &Tag, at: [f64; 2], log_blur: f64) -> PatternSample {
+        let per_m = 1.0 / tag.cell_m();
+        let mut sample = self.template.at(at.map(|v| v * per_m));
+        sample.value += (log_blur - self.log_blur) * sample.by_log_blur;
+        sample.gradient = sample.gradient.map(|v| v * per_m);
+        sample
+    }
 }
 
 /// A pixel's pattern before the tone curve, and its derivatives by pose and blur.
+#[derive(Clone, Copy, Debug)]
 struct Row {
-    patch: usize,
-    pattern: f64,
-    by_shared: [f64; 7],
-    level: f64,
+    pattern: f32,
+    by_shared: [f32; 7],
+    level: f32,
 }
 
-/// Patterns of all pixels at a pose and a blur.
+/// Patterns of all pixels at a pose and a blur, by patch.
 pub(crate) struct Evaluation {
-    rows: Vec<Row>,
+    patches: Vec<Vec<Row>>,
 }
 
-/// Unknowns of one patch: those that are shared, and its levels.
+/// Unknowns of one patch: those that are shared, and its levels; and room for whole vectors.
 const OWN: usize = SHARED + 2;
+const LANES: usize = 12;
+/// Pixels whose normal equations are summed in single precision.
+const BATCH: usize = 32;
 
-impl Problem<'_> {
-    /// The blur in a patch.
-    pub(crate) fn blur(&self, patch: &Patch<'_>, pose: &RigidTransform, log: f64) -> Option<Blur> {
-        let lens_px = self.config.blur_px * libm::exp(log);
-        Blur::new(&patch.view, self.tag, pose, self.motion, lens_px)
+impl<'a> Problem<'a> {
+    /// Pixels of each eye near a pose, with patterns of its blur.
+    pub(crate) fn new(
+        patches: Vec<Patch<'a>>,
+        tag: &'a Tag,
+        motion: &'a Motion,
+        config: &'a Config,
+        (pose, log_blur): (&RigidTransform, f64),
+    ) -> Option<Self> {
+        let lens_px = config.blur_px * libm::exp(log_blur);
+        let patterned = |patch: Patch<'a>| {
+            let blur = Blur::new(&patch.view, tag, pose, motion, lens_px)?;
+            let template = Template::new(tag, &blur);
+            Some(PatternedPatch {
+                patch,
+                blur,
+                template,
+                log_blur,
+            })
+        };
+        Some(Self {
+            patches: patches.into_iter().map(patterned).collect::<Option<_>>()?,
+            tag,
+            motion,
+            config,
+        })
     }
 
     /// Patterns at a pose and the logarithm of a blur; `None` without pixels, or if one of them
     /// does not show the front of the tag: with fewer residuals a state would have a lower cost.
     pub(crate) fn evaluate(&self, pose: &RigidTransform, log_blur: f64) -> Option<Evaluation> {
-        let count: usize = self.patches.iter().map(|patch| patch.pixels.len()).sum();
-        let mut rows = Vec::with_capacity(count);
-        for (k, patch) in self.patches.iter().enumerate() {
-            let blur = self.blur(patch, pose, log_blur)?;
-            patch.for_each(pose, self.motion, |pixel, row_pose| {
-                let Some(point) = row_pose.meet(&pixel.ray) else {
-                    return;
-                };
-                let blurred = blur.sample(self.tag, &point);
-                let [a, b] = by_motion(&point);
-                let mut by_shared = [0.0; 7];
-                for n in 0..BLUR {
-                    by_shared[n] = blurred.gradient[0] * a[n] + blurred.gradient[1] * b[n];
-                }
-                by_shared[BLUR] = blurred.by_log_blur;
-                rows.push(Row {
-                    patch: k,
-                    pattern: blurred.value,
-                    by_shared,
-                    level: pixel.level,
+        let of_patch = |patterned: &PatternedPatch<'_>| {
+            let pixels = &patterned.patch.pixels;
+            let mut rows = Vec::with_capacity(pixels.len());
+            patterned
+                .patch
+                .for_each(pose, self.motion, |pixel, row_pose| {
+                    let Some(point) = row_pose.meet(&pixel.ray) else {
+                        return;
+                    };
+                    let pattern = patterned.pattern(self.tag, point.at, log_blur);
+                    let [a, b] = by_motion(&point);
+                    let [x, y] = pattern.gradient;
+                    let mut by_shared = [0.0; 7];
+                    for n in 0..BLUR {
+                        by_shared[n] = (x * a[n] + y * b[n]) as f32;
+                    }
+                    by_shared[BLUR] = pattern.by_log_blur as f32;
+                    rows.push(Row {
+                        pattern: pattern.value as f32,
+                        by_shared,
+                        level: pixel.level as f32,
+                    });
                 });
-            });
-        }
-        (!rows.is_empty() && rows.len() == count).then_some(Evaluation { rows })
+            (!rows.is_empty() && rows.len() == pixels.len()).then_some(rows)
+        };
+        let patches: Vec<Vec<Row>> = self.patches.iter().map(of_patch).collect::<Option<_>>()?;
+        (!patches.is_empty()).then_some(Evaluation { patches })
     }
 
     /// Lowest correlation of the eyes' gray levels with the pattern.
     pub(crate) fn correlation(&self, evaluation: &Evaluation) -> f64 {
-        let of = |patch: usize| {
-            let own = evaluation.rows.iter().filter(|row| row.patch == patch);
+        let of = |rows: &Vec<Row>| {
             let mut moments = Moments::default();
-            own.for_each(|row| moments.add(row.pattern, row.level));
+            for row in rows {
+                moments.add(f64::from(row.pattern), f64::from(row.level));
+            }
             moments.correlation()
         };
-        (0..self.patches.len()).map(of).fold(1.0, f64::min)
+        evaluation.patches.iter().map(of).fold(1.0, f64::min)
     }
 
-    /// The state at a pose where patterns are known; `None` without patches or contrast.
-    pub(crate) fn start(&self, pose: &RigidTransform, evaluation: &Evaluation) -> Option<State> {
+    /// The state at a pose where patterns are known; `None` without contrast.
+    pub(crate) fn start(
+        &self,
+        pose: &RigidTransform,
+        log_blur: f64,
+        evaluation: &Evaluation,
+    ) -> Option<State> {
         let tone = Tone::new(self.config.tone, 0.05);
-        let levels = |patch: usize| {
-            let own = evaluation.rows.iter().filter(|row| row.patch == patch);
+        let levels = |rows: &Vec<Row>| {
             let mut moments = Moments::default();
-            own.for_each(|row| moments.add(tone.at(row.pattern).0, row.level));
+            for row in rows {
+                moments.add(f64::from(tone.at(row.pattern).0), f64::from(row.level));
+            }
             let (black, contrast) = moments.line()?;
             (contrast > self.config.min_contrast_levels).then_some(Levels {
                 black,
                 white: black + contrast,
             })
         };
-        let levels: Vec<Levels> = (0..self.patches.len()).map(levels).collect::<Option<_>>()?;
-        (!levels.is_empty()).then_some(State {
+        Some(State {
             pose: *pose,
-            log_blur: 0.0,
+            log_blur,
             tone: self.config.tone,
-            levels,
+            levels: evaluation
+                .patches
+                .iter()
+                .map(levels)
+                .collect::<Option<_>>()?,
         })
-    }
-
-    fn tones(&self, state: &State, step: f64) -> Vec<Tone> {
-        let levels = state.levels.iter();
-        levels
-            .map(|levels| levels.tone(state.tone + step))
-            .collect()
     }
 
     /// Noise of a pixel, levels: the spread of the residuals, and no less than the configured one.
     pub(crate) fn noise(&self, state: &State, evaluation: &Evaluation) -> f64 {
-        let tones = self.tones(state, 0.0);
-        let residual = |row: &Row| {
-            let levels = &state.levels[row.patch];
-            let share = tones[row.patch].at(row.pattern).0;
-            (levels.black + levels.contrast() * share - row.level).abs()
-        };
-        let mut sizes: Vec<f64> = evaluation.rows.iter().map(residual).collect();
+        let mut sizes = Vec::with_capacity(evaluation.patches.iter().map(Vec::len).sum());
+        for (levels, rows) in state.levels.iter().zip(&evaluation.patches) {
+            let tone = levels.tone(state.tone);
+            let [black, contrast] = [levels.black, levels.contrast()].map(|v| v as f32);
+            sizes.extend(
+                rows.iter()
+                    .map(|row| (black + contrast * tone.at(row.pattern).0 - row.level).abs()),
+            );
+        }
         let middle = sizes.len() / 2;
-        let (_, median, _) = sizes.select_nth_unstable_by(middle, f64::total_cmp);
-        (SIGMA_BY_MEDIAN * *median).max(self.config.noise_levels)
+        let (_, median, _) = sizes.select_nth_unstable_by(middle, f32::total_cmp);
+        (SIGMA_BY_MEDIAN * f64::from(*median)).max(self.config.noise_levels)
     }
 
     /// Normal equations at a state and its patterns, for pixels with this noise.
@@ -213,49 +267,22 @@ impl Problem<'_> {
         state: &State,
         evaluation: &Evaluation,
         noise: f64,
-    ) -> Option<Linearization> {
+    ) -> Linearization {
         let config = self.config;
         let count = SHARED + 2 * self.patches.len();
         let mut hessian = DMatrix::zeros(count, count);
         let mut gradient = DVector::zeros(count);
         let (mut cost, mut weights, mut squares) = (0.0, 0.0, 0.0);
-        let (tones, wider) = (self.tones(state, 0.0), self.tones(state, TONE_STEP));
-        let limit = config.robust_ratio;
-        for patch in 0..self.patches.len() {
-            let levels = &state.levels[patch];
-            let (tone, wider) = (&tones[patch], &wider[patch]);
-            let contrast = levels.contrast();
-            let mut own_hessian = [[0.0; OWN]; OWN];
-            let mut own_gradient = [0.0; OWN];
-            for row in evaluation.rows.iter().filter(|row| row.patch == patch) {
-                let (share, slope) = tone.at(row.pattern);
-                let residual = levels.black + contrast * share - row.level;
-                let scaled = residual / (noise * limit);
-                let weight = 1.0 / (1.0 + scaled * scaled);
-                cost += limit * limit * libm::log1p(scaled * scaled);
-                weights += weight;
-                squares += weight * residual * residual;
-                let mut by = [0.0; OWN];
-                for (to, by) in by.iter_mut().zip(&row.by_shared) {
-                    *to = contrast * slope * by;
-                }
-                by[TONE] = contrast * (wider.at(row.pattern).0 - share) / TONE_STEP;
-                by[SHARED] = 1.0 - share;
-                by[SHARED + 1] = share;
-                let factor = weight / (noise * noise);
-                for i in 0..OWN {
-                    let weighted = factor * by[i];
-                    own_gradient[i] += weighted * residual;
-                    for j in i..OWN {
-                        own_hessian[i][j] += weighted * by[j];
-                    }
-                }
-            }
+        for (patch, rows) in evaluation.patches.iter().enumerate() {
+            let sums = Sums::new(rows, &state.levels[patch], state.tone, config, noise);
+            cost += sums.cost;
+            weights += sums.weights;
+            squares += sums.squares;
             let place = |n: usize| if n < SHARED { n } else { n + 2 * patch };
             for i in 0..OWN {
-                gradient[place(i)] += own_gradient[i];
+                gradient[place(i)] += sums.gradient[i];
                 for j in i..OWN {
-                    hessian[(place(i), place(j))] += own_hessian[i][j];
+                    hessian[(place(i), place(j))] += sums.hessian[i][j];
                 }
             }
         }
@@ -269,19 +296,87 @@ impl Problem<'_> {
             hessian[(k, k)] += 1.0 / (sigma * sigma);
         }
         hessian.fill_lower_triangle_with_upper_triangle();
-        let blurs = self.patches.iter().map(|patch| {
-            let [x, y] = self
-                .blur(patch, &state.pose, state.log_blur)?
-                .reach_cells(1.0);
-            Some((x * y).sqrt() * self.tag.cell_m())
+        let blurs = self.patches.iter().map(|patterned| {
+            let growth = libm::exp(state.log_blur - patterned.log_blur);
+            let [x, y] = patterned.blur.reach_cells(growth);
+            (x * y).sqrt() * self.tag.cell_m()
         });
-        let blurs: Vec<f64> = blurs.collect::<Option<_>>()?;
-        Some(Linearization {
+        Linearization {
             hessian,
             gradient,
             cost,
             rms_levels: (squares / weights.max(1.0)).sqrt(),
-            blur_m: blurs.into_iter().fold(f64::INFINITY, f64::min),
-        })
+            blur_m: blurs.fold(f64::INFINITY, f64::min),
+        }
+    }
+}
+
+/// Normal equations of one patch.
+struct Sums {
+    hessian: [[f64; LANES]; OWN],
+    gradient: [f64; LANES],
+    cost: f64,
+    weights: f64,
+    squares: f64,
+}
+
+impl Sums {
+    fn new(rows: &[Row], levels: &Levels, tone: f64, config: &Config, noise: f64) -> Self {
+        let mut sums = Self {
+            hessian: [[0.0; LANES]; OWN],
+            gradient: [0.0; LANES],
+            cost: 0.0,
+            weights: 0.0,
+            squares: 0.0,
+        };
+        let (curve, wider) = (levels.tone(tone), levels.tone(tone + TONE_STEP));
+        let limit = config.robust_ratio;
+        let [black, contrast] = [levels.black, levels.contrast()].map(|v| v as f32);
+        let by_limit = (1.0 / (noise * limit)) as f32;
+        let by_noise = (1.0 / (noise * noise)) as f32;
+        let by_step = contrast / TONE_STEP as f32;
+        for batch in rows.chunks(BATCH) {
+            let mut hessian = [[0.0_f32; LANES]; OWN];
+            let mut gradient = [0.0_f32; LANES];
+            let (mut weights, mut squares) = (0.0_f32, 0.0_f32);
+            for row in batch {
+                let (share, slope) = curve.at(row.pattern);
+                let residual = black + contrast * share - row.level;
+                let scaled = residual * by_limit;
+                let excess = 1.0 + scaled * scaled;
+                let weight = 1.0 / excess;
+                sums.cost += limit * limit * libm::log(f64::from(excess));
+                weights += weight;
+                squares += weight * residual * residual;
+                let mut by = [0.0_f32; LANES];
+                for (to, by) in by.iter_mut().zip(&row.by_shared) {
+                    *to = contrast * slope * by;
+                }
+                by[TONE] = by_step * (wider.at(row.pattern).0 - share);
+                by[SHARED] = 1.0 - share;
+                by[SHARED + 1] = share;
+                let factor = weight * by_noise;
+                for i in 0..OWN {
+                    let weighted = factor * by[i];
+                    for j in 0..LANES {
+                        hessian[i][j] += weighted * by[j];
+                    }
+                }
+                for j in 0..LANES {
+                    gradient[j] += factor * residual * by[j];
+                }
+            }
+            for (sum, of_batch) in sums.hessian.iter_mut().zip(&hessian) {
+                for (sum, of_batch) in sum.iter_mut().zip(of_batch) {
+                    *sum += f64::from(*of_batch);
+                }
+            }
+            for (sum, of_batch) in sums.gradient.iter_mut().zip(&gradient) {
+                *sum += f64::from(*of_batch);
+            }
+            sums.weights += f64::from(weights);
+            sums.squares += f64::from(squares);
+        }
+        sums
     }
 }

@@ -284,3 +284,24 @@ fn search_starts_the_fit() {
     let noise = ImageView::packed(SIZE[0], SIZE[1], &noise).unwrap();
     assert_eq!(searcher.search(&noise), []);
 }
+
+#[test]
+fn zz_time() {
+    for (name, imaging, motion) in [
+        ("clean", CLEAN, STILL),
+        ("rolling", Imaging { line_s: ROLLING_S, ..CLEAN }, STILL),
+        ("blur", Imaging { line_s: ROLLING_S, exposure_s: 0.008, noise: 2.0, ..CLEAN }, WALKING),
+        ("dirt", Imaging { dirt: 0.1, ..CLEAN }, STILL),
+    ] {
+        let mut draw = Draw(7);
+        let scene = Scene::new(0.3, 2, imaging, motion, &mut draw);
+        let n = 60;
+        let cpu = || std::fs::read_to_string("/proc/thread-self/schedstat").unwrap().split(' ').next().unwrap().parse::<f64>().unwrap();
+        let begin = cpu();
+        let mut other = 0;
+        for _ in 0..n {
+            other += usize::from(scene.fit(&mut draw).expect("a fit").other.is_some());
+        }
+        println!("{name}: {:.3} ms, other {other}", (cpu() - begin) * 1e-6 / f64::from(n));
+    }
+}
