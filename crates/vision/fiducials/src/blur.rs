@@ -8,6 +8,11 @@ use crate::view::{Motion, RowPose, View, pixel_axes};
 /// Standard deviation of a pixel's own width, px.
 const PIXEL_SIGMA: f64 = 0.288_675;
 
+/// Relative difference of sigmas, and difference of motion, cells, up to which patterns are
+/// extrapolated: by less than a gray level.
+const NEAR_SHARE: f64 = 0.1;
+const NEAR_CELLS: f64 = 0.05;
+
 /// Blur along the axes of a tag.
 #[derive(Clone, Debug)]
 pub(crate) struct Blur {
@@ -38,6 +43,14 @@ impl Blur {
             sigma,
             lens_share: lens_px * lens_px / square,
             motion: moved,
+        })
+    }
+
+    /// Whether a pattern with the other blur can be extrapolated to this one.
+    pub(crate) fn is_near(&self, other: &Self) -> bool {
+        (0..2).all(|k| {
+            let growth = self.sigma[k] / other.sigma[k] - 1.0;
+            growth.abs() < NEAR_SHARE && (self.motion[k] - other.motion[k]).abs() < NEAR_CELLS
         })
     }
 

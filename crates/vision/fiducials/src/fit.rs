@@ -73,17 +73,26 @@ pub fn fit(
         config,
     };
     let all = vec![Selection::all(tag, config); views.len()];
-    let aligned = fitter.align(start, &all)?;
-    if !fitter.windows.iter().all(|own| own.covers(tag, &aligned)) {
-        fitter.windows = windows(views, tag, &aligned);
+    let mut start = Start::at(*start);
+    let mut problem = fitter.problem(&start, &all)?;
+    if let Some(aligned) = fitter.align(&start.pose, &problem) {
+        start = Start::at(aligned);
+        if !fitter.windows.iter().all(|own| own.covers(tag, &aligned)) {
+            drop(problem);
+            fitter.windows = windows(views, tag, &aligned);
+        }
+        problem = fitter.problem(&start, &all)?;
     }
     // Pixels are selected by the pose, the blur and what hides the tag: again once these are known.
-    let first = fitter.solve(&Start::at(aligned), &all, FIRST_CONVERGENCE)?;
-    let second = fitter.solve(&first.as_start(), &first.selections, 1.0)?;
+    let first = fitter.solve(&problem, &start, FIRST_CONVERGENCE)?;
+    let start = first.as_start();
+    let patches = fitter.patches(&start.pose, &first.selections);
+    let problem = problem.with_patches(patches, (&start.pose, start.log_blur))?;
+    let second = fitter.solve(&problem, &start, 1.0)?;
     if second.wrong_bits > config.max_wrong_bits {
         return None;
     }
-    let other = fitter.other(&second, &first.selections);
+    let other = fitter.other(&problem, &second);
     let (best, other) = match other {
         Some((other, excess)) if excess < 0.0 => (other, Some((second, -excess))),
         other => (second, other),
@@ -150,8 +159,6 @@ struct Solution {
     selections: Vec<Selection>,
     visible_share: Vec<f64>,
     wrong_bits: u32,
-    /// The views that were used.
-    eyes: Vec<usize>,
 }
 
 impl Solution {
@@ -164,31 +171,29 @@ impl Solution {
     }
 }
 
-impl Fitter<'_> {
-    /// Selected pixels near a pose, and the pattern with a blur there; `None` if no eye shows
-    /// enough.
-    fn problem(
-        &self,
-        (pose, log_blur): (&RigidTransform, f64),
-        selections: &[Selection],
-    ) -> Option<Problem<'_>> {
+impl<'a> Fitter<'a> {
+    /// Selected pixels near a pose, of the eyes that show enough of the tag.
+    fn patches(&self, pose: &RigidTransform, selections: &[Selection]) -> Vec<Patch<'a>> {
         let (tag, motion, config) = (self.tag, self.motion, self.config);
         let windows = self.windows.iter();
-        let patches: Vec<Patch<'_>> = windows
+        windows
             .filter_map(|own| Patch::new(own, tag, pose, motion, &selections[own.eye], config))
-            .collect();
-        if patches.is_empty() {
-            return None;
-        }
-        Problem::new(patches, tag, motion, config, (pose, log_blur))
+            .collect()
     }
 
-    /// A start from which the fit converges.
-    fn align(&self, start: &RigidTransform, selections: &[Selection]) -> Option<RigidTransform> {
-        let problem = self.problem((start, 0.0), selections)?;
+    /// Selected pixels near a start, and the pattern there; `None` if no eye shows enough.
+    fn problem(&self, start: &Start, selections: &[Selection]) -> Option<Problem<'a>> {
+        let patches = self.patches(&start.pose, selections);
+        let (tag, motion, config) = (self.tag, self.motion, self.config);
+        let at = (&start.pose, start.log_blur);
+        Problem::new(patches, tag, motion, config, at)
+    }
+
+    /// A start from which the fit converges, if this one is not.
+    fn align(&self, start: &RigidTransform, problem: &Problem<'_>) -> Option<RigidTransform> {
         let evaluation = problem.evaluate(start, 0.0)?;
         if problem.correlation(&evaluation) > self.config.min_start_correlation {
-            return Some(*start);
+            return None;
         }
         let patches: Vec<&Patch<'_>> = problem.patches.iter().map(|own| &own.patch).collect();
         let aligner = Aligner {
@@ -199,15 +204,8 @@ impl Fitter<'_> {
         Some(aligner.align(start))
     }
 
-    /// The pose near a start from the pixels that count; `convergence` as a multiple of the
-    /// configured one.
-    fn solve(
-        &self,
-        start: &Start,
-        selections: &[Selection],
-        convergence: f64,
-    ) -> Option<Solution> {
-        let problem = self.problem((&start.pose, start.log_blur), selections)?;
+    /// The pose near a start; `convergence` as a multiple of the configured one.
+    fn solve(&self, problem: &Problem<'_>, start: &Start, convergence: f64) -> Option<Solution> {
         let mut evaluation = problem.evaluate(&start.pose, start.log_blur)?;
         let mut state = problem.start(&start.pose, start.log_blur, &evaluation)?;
         state.tone = start.tone.unwrap_or(state.tone);
@@ -245,25 +243,15 @@ impl Fitter<'_> {
                 break;
             }
         }
-        self.solution(&problem, state, at)
+        self.solution(problem, state, at)
     }
 
-    /// The solution with the tag tilted the other way, and its cost above that of the first one;
-    /// `None` if there is no second minimum.
-    fn other(&self, first: &Solution, selections: &[Selection]) -> Option<(Solution, f64)> {
-        let of_eye = self
-            .windows
-            .iter()
-            .find(|own| own.eye == first.eyes[0])?
-            .view;
-        let eye_from_reference = of_eye.eye_from_reference;
+    /// The solution with the tag tilted the other way, by the same pixels, and its cost above that
+    /// of the first one with the same noise; `None` if there is no second minimum.
+    fn other(&self, problem: &Problem<'_>, first: &Solution) -> Option<(Solution, f64)> {
+        let eye_from_reference = problem.patches.first()?.patch.view.eye_from_reference;
         let start = mirrored(&(eye_from_reference * first.state.pose), [0.0; 3])?;
         let start = eye_from_reference.inverse() * start;
-        // By the same pixels and the same noise.
-        let problem = self.problem((&first.state.pose, first.state.log_blur), selections)?;
-        if !eyes(&problem).eq(first.eyes.iter().copied()) {
-            return None;
-        }
         let evaluation = problem.evaluate(&first.state.pose, first.state.log_blur)?;
         let noise = problem.noise(&first.state, &evaluation);
         let cost = |state: &State| {
@@ -282,9 +270,9 @@ impl Fitter<'_> {
             pose: start,
             ..first.as_start()
         };
-        let other = self.solve(&from, selections, 1.0)?;
+        let other = self.solve(problem, &from, 1.0)?;
         let between = first.state.pose.inverse() * other.state.pose;
-        if between.angle_rad() < self.config.min_other_rad || other.eyes != first.eyes {
+        if between.angle_rad() < self.config.min_other_rad {
             return None;
         }
         let excess = cost(&other.state)? - least;
@@ -319,7 +307,6 @@ impl Fitter<'_> {
             selections,
             visible_share,
             wrong_bits,
-            eyes: eyes(problem).collect(),
         })
     }
 
@@ -330,11 +317,6 @@ impl Fitter<'_> {
         let along = TILT_SHARE * step[5].abs();
         turn + (libm::hypot(step[3], step[4]) + along) / self.tag.cell_m()
     }
-}
-
-/// The views that a problem uses.
-fn eyes(problem: &Problem<'_>) -> impl Iterator<Item = usize> {
-    problem.patches.iter().map(|own| own.patch.eye)
 }
 
 #[cfg(test)]

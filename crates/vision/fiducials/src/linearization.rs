@@ -108,7 +108,7 @@ pub(crate) struct PatternedPatch<'a> {
     pub(crate) patch: Patch<'a>,
     pub(crate) blur: Blur,
     template: Template,
-    /// Logarithm of the lens's blur in the template.
+    /// Logarithm of the lens's blur in the template. Near it the pattern is extrapolated.
     log_blur: f64,
 }
 
@@ -143,31 +143,48 @@ const LANES: usize = 12;
 const BATCH: usize = 32;
 
 impl<'a> Problem<'a> {
-    /// Pixels of each eye near a pose, with patterns of its blur.
+    /// Pixels of each eye near a pose, with patterns of its blur; `None` without pixels.
     pub(crate) fn new(
         patches: Vec<Patch<'a>>,
         tag: &'a Tag,
         motion: &'a Motion,
         config: &'a Config,
-        (pose, log_blur): (&RigidTransform, f64),
+        at: (&RigidTransform, f64),
     ) -> Option<Self> {
-        let lens_px = config.blur_px * libm::exp(log_blur);
-        let patterned = |patch: Patch<'a>| {
-            let blur = Blur::new(&patch.view, tag, pose, motion, lens_px)?;
-            let template = Template::new(tag, &blur);
-            Some(PatternedPatch {
-                patch,
-                blur,
-                template,
-                log_blur,
-            })
-        };
-        Some(Self {
-            patches: patches.into_iter().map(patterned).collect::<Option<_>>()?,
+        let none = Self {
+            patches: Vec::new(),
             tag,
             motion,
             config,
-        })
+        };
+        none.with_patches(patches, at)
+    }
+
+    /// The problem with other pixels, with the patterns that still hold; `None` without pixels.
+    pub(crate) fn with_patches(
+        mut self,
+        patches: Vec<Patch<'a>>,
+        (pose, log_blur): (&RigidTransform, f64),
+    ) -> Option<Self> {
+        let lens_px = self.config.blur_px * libm::exp(log_blur);
+        let mut earlier = std::mem::take(&mut self.patches);
+        for patch in patches {
+            let blur = Blur::new(&patch.view, self.tag, pose, self.motion, lens_px)?;
+            let kept = earlier.iter().position(|own| {
+                own.patch.eye == patch.eye && blur.is_near(&own.blur)
+            });
+            self.patches
+                .push(match kept.map(|at| earlier.swap_remove(at)) {
+                    Some(own) => PatternedPatch { patch, ..own },
+                    None => PatternedPatch {
+                        patch,
+                        template: Template::new(self.tag, &blur),
+                        blur,
+                        log_blur,
+                    },
+                });
+        }
+        (!self.patches.is_empty()).then_some(self)
     }
 
     /// Patterns at a pose and the logarithm of a blur; `None` without pixels, or if one of them
@@ -339,13 +356,14 @@ impl Sums {
             let mut hessian = [[0.0_f32; LANES]; OWN];
             let mut gradient = [0.0_f32; LANES];
             let (mut weights, mut squares) = (0.0_f32, 0.0_f32);
+            let mut product = 1.0;
             for row in batch {
                 let (share, slope) = curve.at(row.pattern);
                 let residual = black + contrast * share - row.level;
                 let scaled = residual * by_limit;
                 let excess = 1.0 + scaled * scaled;
                 let weight = 1.0 / excess;
-                sums.cost += limit * limit * libm::log(f64::from(excess));
+                product *= f64::from(excess);
                 weights += weight;
                 squares += weight * residual * residual;
                 let mut by = [0.0_f32; LANES];
@@ -374,6 +392,8 @@ impl Sums {
             for (sum, of_batch) in sums.gradient.iter_mut().zip(&gradient) {
                 *sum += f64::from(*of_batch);
             }
+            // The sum of the logarithms; gray levels keep the product finite.
+            sums.cost += limit * limit * libm::log(product);
             sums.weights += f64::from(weights);
             sums.squares += f64::from(squares);
         }

@@ -6,7 +6,7 @@ use nalgebra::Vector3;
 use crate::blur::Blur;
 use crate::config::Config;
 use crate::tag::Tag;
-use crate::view::{Motion, PlanePoint, Rays, RowPose, View, pixel_area, window};
+use crate::view::{Motion, PlanePoint, Rays, RowPose, RowPoses, View, pixel_area, window};
 
 /// Distance of the pixels that count from what is around the tag, in sigmas of the blur, besides
 /// half of the motion during the exposure.
@@ -120,8 +120,10 @@ impl<'a> Window<'a> {
         motion: &Motion,
         mut each: impl FnMut(&Pixel, usize, &PlanePoint),
     ) {
+        let ends = [self.from[1], self.from[1] + self.size[1] - 1];
+        let poses = RowPoses::new(&self.view, pose, motion, ends);
         for row in self.pixels.chunks_exact(self.size[0]) {
-            let row_pose = RowPose::new(&self.view, pose, motion, self.view.row_s(row[0].row));
+            let row_pose = poses.at(row[0].row);
             for (column, pixel) in row.iter().enumerate() {
                 if let Some(point) = row_pose.meet(&pixel.ray) {
                     each(pixel, column, &point);
@@ -174,12 +176,16 @@ impl<'a> Patch<'a> {
         motion: &Motion,
         mut each: impl FnMut(&Pixel, &RowPose),
     ) {
-        let mut row = usize::MAX;
-        let mut row_pose = RowPose::new(&self.view, pose, motion, 0.0);
+        let [Some(first), Some(last)] = [self.pixels.first(), self.pixels.last()] else {
+            return;
+        };
+        let poses = RowPoses::new(&self.view, pose, motion, [first.row, last.row]);
+        let mut row = first.row;
+        let mut row_pose = poses.at(row);
         for pixel in &self.pixels {
             if pixel.row != row {
                 row = pixel.row;
-                row_pose = RowPose::new(&self.view, pose, motion, self.view.row_s(row));
+                row_pose = poses.at(row);
             }
             each(pixel, &row_pose);
         }

@@ -295,7 +295,7 @@ fn zz_time() {
     ] {
         let mut draw = Draw(7);
         let scene = Scene::new(0.3, 2, imaging, motion, &mut draw);
-        let n = 60;
+        let n: u32 = std::env::var("ZZ_N").map_or(60, |v| v.parse().unwrap());
         let cpu = || std::fs::read_to_string("/proc/thread-self/schedstat").unwrap().split(' ').next().unwrap().parse::<f64>().unwrap();
         let begin = cpu();
         let mut other = 0;
