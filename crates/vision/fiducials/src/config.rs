@@ -11,6 +11,9 @@ config! {
         pub max_iterations: usize = 12,
         /// Motion of the corners in an iteration at which the fit has converged, cells.
         pub convergence_cells: f64 = 0.002,
+        /// Motion of the corners in an iteration that does not lower the cost, at which the fit has
+        /// converged, cells.
+        pub rejected_cells: f64 = 0.01,
         /// Noise of a pixel that no fit is better than, gray levels.
         pub noise_levels: f64 = 2.0,
         /// Residuals beyond this multiple of their median count less.

@@ -212,8 +212,10 @@ impl<'a> Fitter<'a> {
         let mut noise = problem.noise(&state, &evaluation);
         let mut at = problem.linearize(&state, &evaluation, noise);
         let mut damping = 1e-3;
+        let converged = convergence * self.config.convergence_cells;
         for _ in 0..self.config.max_iterations {
             let step = at.step(damping)?;
+            let motion = self.corner_motion(&step);
             let moved = state.after(&step)?;
             let patterns = problem.evaluate(&moved.pose, moved.log_blur);
             let next = patterns.and_then(|patterns| {
@@ -221,7 +223,8 @@ impl<'a> Fitter<'a> {
                 (next.cost <= at.cost).then_some((patterns, next))
             });
             let Some((patterns, next)) = next else {
-                if damping > 1e5 {
+                // Values and gradients of a table agree to so much.
+                if motion < converged.max(self.config.rejected_cells) {
                     break;
                 }
                 damping *= 8.0;
@@ -229,8 +232,7 @@ impl<'a> Fitter<'a> {
             };
             (state, evaluation) = (moved, patterns);
             damping *= 0.2;
-            let motion = self.corner_motion(&step);
-            let is_converged = motion < convergence * self.config.convergence_cells;
+            let is_converged = motion < converged;
             // Noise is overestimated before convergence.
             let lower = problem.noise(&state, &evaluation);
             let is_settled = lower > 0.9 * noise;

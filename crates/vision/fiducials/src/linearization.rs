@@ -136,9 +136,8 @@ pub(crate) struct Evaluation {
     patches: Vec<Vec<Row>>,
 }
 
-/// Unknowns of one patch: those that are shared, and its levels; and room for whole vectors.
+/// Unknowns of one patch: those that are shared, and its levels.
 const OWN: usize = SHARED + 2;
-const LANES: usize = 12;
 /// Pixels whose normal equations are summed in single precision.
 const BATCH: usize = 32;
 
@@ -328,10 +327,10 @@ impl<'a> Problem<'a> {
     }
 }
 
-/// Normal equations of one patch.
+/// Normal equations of one patch; of the symmetric matrix the upper half.
 struct Sums {
-    hessian: [[f64; LANES]; OWN],
-    gradient: [f64; LANES],
+    hessian: [[f64; OWN]; OWN],
+    gradient: [f64; OWN],
     cost: f64,
     weights: f64,
     squares: f64,
@@ -340,8 +339,8 @@ struct Sums {
 impl Sums {
     fn new(rows: &[Row], levels: &Levels, tone: f64, config: &Config, noise: f64) -> Self {
         let mut sums = Self {
-            hessian: [[0.0; LANES]; OWN],
-            gradient: [0.0; LANES],
+            hessian: [[0.0; OWN]; OWN],
+            gradient: [0.0; OWN],
             cost: 0.0,
             weights: 0.0,
             squares: 0.0,
@@ -350,53 +349,55 @@ impl Sums {
         let limit = config.robust_ratio;
         let [black, contrast] = [levels.black, levels.contrast()].map(|v| v as f32);
         let by_limit = (1.0 / (noise * limit)) as f32;
-        let by_noise = (1.0 / (noise * noise)) as f32;
+        let by_noise = (1.0 / noise) as f32;
         let by_step = contrast / TONE_STEP as f32;
         for batch in rows.chunks(BATCH) {
-            let mut hessian = [[0.0_f32; LANES]; OWN];
-            let mut gradient = [0.0_f32; LANES];
-            let (mut weights, mut squares) = (0.0_f32, 0.0_f32);
+            // Derivatives and residuals times the root of the weight, by unknown.
+            let mut by = [[0.0_f32; BATCH]; OWN];
+            let mut residuals = [0.0_f32; BATCH];
+            let mut weights = 0.0_f32;
             let mut product = 1.0;
-            for row in batch {
+            for (n, row) in batch.iter().enumerate() {
                 let (share, slope) = curve.at(row.pattern);
                 let residual = black + contrast * share - row.level;
                 let scaled = residual * by_limit;
                 let excess = 1.0 + scaled * scaled;
-                let weight = 1.0 / excess;
                 product *= f64::from(excess);
-                weights += weight;
-                squares += weight * residual * residual;
-                let mut by = [0.0_f32; LANES];
-                for (to, by) in by.iter_mut().zip(&row.by_shared) {
-                    *to = contrast * slope * by;
+                weights += 1.0 / excess;
+                let root = by_noise / excess.sqrt();
+                residuals[n] = root * residual;
+                let factor = root * contrast * slope;
+                for (by, own) in by.iter_mut().zip(row.by_shared) {
+                    by[n] = factor * own;
                 }
-                by[TONE] = by_step * (wider.at(row.pattern).0 - share);
-                by[SHARED] = 1.0 - share;
-                by[SHARED + 1] = share;
-                let factor = weight * by_noise;
-                for i in 0..OWN {
-                    let weighted = factor * by[i];
-                    for j in 0..LANES {
-                        hessian[i][j] += weighted * by[j];
-                    }
-                }
-                for j in 0..LANES {
-                    gradient[j] += factor * residual * by[j];
-                }
+                by[TONE][n] = root * by_step * (wider.at(row.pattern).0 - share);
+                by[SHARED][n] = root * (1.0 - share);
+                by[SHARED + 1][n] = root * share;
             }
-            for (sum, of_batch) in sums.hessian.iter_mut().zip(&hessian) {
-                for (sum, of_batch) in sum.iter_mut().zip(of_batch) {
-                    *sum += f64::from(*of_batch);
+            for i in 0..OWN {
+                sums.gradient[i] += f64::from(dot(&by[i], &residuals));
+                for j in i..OWN {
+                    sums.hessian[i][j] += f64::from(dot(&by[i], &by[j]));
                 }
-            }
-            for (sum, of_batch) in sums.gradient.iter_mut().zip(&gradient) {
-                *sum += f64::from(*of_batch);
             }
             // The sum of the logarithms; gray levels keep the product finite.
             sums.cost += limit * limit * libm::log(product);
             sums.weights += f64::from(weights);
-            sums.squares += f64::from(squares);
+            sums.squares += f64::from(dot(&residuals, &residuals)) * noise * noise;
         }
         sums
     }
+}
+
+/// In an order of its own, which the compiler can use vectors for.
+fn dot(a: &[f32; BATCH], b: &[f32; BATCH]) -> f32 {
+    const LANES: usize = 8;
+    let mut sums = [0.0_f32; LANES];
+    for (a, b) in a.chunks_exact(LANES).zip(b.chunks_exact(LANES)) {
+        for k in 0..LANES {
+            sums[k] += a[k] * b[k];
+        }
+    }
+    let half: [f32; 4] = std::array::from_fn(|k| sums[k] + sums[k + 4]);
+    (half[0] + half[2]) + (half[1] + half[3])
 }

@@ -76,6 +76,9 @@ const MAX_SIDE: usize = 4;
 /// Cells that contribute at a place.
 const MAX_NEAR: usize = 2 * MAX_SIDE + 1;
 
+/// Share, or derivative of one, that is none.
+const NO_SHARE: f64 = 1e-6;
+
 /// Shares of cells in the pattern at a place along one axis, and their derivatives by the place, in
 /// cells, and by the logarithm of the blur.
 #[derive(Clone, Copy, Debug)]
@@ -119,11 +122,12 @@ impl Shares {
     /// ones, with their shares and the derivatives of these.
     pub(crate) fn cells(&self, cell: isize, tag: &Tag) -> impl Iterator<Item = (usize, [f64; 3])> {
         let last = tag.cells() as isize - 1;
-        (0..=2 * self.side).map(move |n| {
+        let cells = (0..=2 * self.side).map(move |n| {
             let index = cell - self.side as isize + n as isize;
             let shares = [0, 1, 2].map(|kind| self.by_cell[kind][n]);
             (index.clamp(0, last) as usize, shares)
-        })
+        });
+        cells.filter(|(_, shares)| shares.iter().any(|share| share.abs() > NO_SHARE))
     }
 }
 

@@ -53,17 +53,15 @@ impl Template {
 
     /// The pattern at a place, cells; beyond the margin as at its end.
     pub(crate) fn at(&self, place: [f64; 2]) -> PatternSample {
-        let last = (self.side - 1) as f64 - 1e-6;
-        let [x, y] = place.map(|v| ((v + self.half_cells) * self.per_cell).clamp(0.0, last));
-        let (column, row) = (x as usize, y as usize);
-        let (s, t) = ((x - column as f64) as f32, (y - row as f64) as f32);
+        let last = (self.side - 2) as f32;
+        let [x, y] = place.map(|v| ((v + self.half_cells) * self.per_cell) as f32);
+        let [column, row] = [x, y].map(|v| v.clamp(0.0, last) as usize);
+        let weight = |v: f32, from: usize| (v - from as f32).clamp(0.0, 1.0);
+        let (s, t) = (weight(x, column), weight(y, row));
         let at = row * self.side + column;
-        let [a, b] = [self.texels[at], self.texels[at + 1]];
-        let [c, d] = [self.texels[at + self.side], self.texels[at + self.side + 1]];
-        let texel: Texel = std::array::from_fn(|k| {
-            let (top, bottom) = (a[k] + (b[k] - a[k]) * s, c[k] + (d[k] - c[k]) * s);
-            top + (bottom - top) * t
-        });
+        let top = &self.texels[at..][..2];
+        let bottom = &self.texels[at + self.side..][..2];
+        let texel = mix(&mix(&top[0], &top[1], s), &mix(&bottom[0], &bottom[1], s), t);
         let [value, x, y, by_log_blur] = texel.map(f64::from);
         PatternSample {
             value,
@@ -71,6 +69,14 @@ impl Template {
             by_log_blur,
         }
     }
+}
+
+fn mix(a: &Texel, b: &Texel, t: f32) -> Texel {
+    let mut mix = *a;
+    for k in 0..4 {
+        mix[k] += (b[k] - a[k]) * t;
+    }
+    mix
 }
 
 /// The pattern without motion, on a larger grid.
@@ -122,12 +128,12 @@ impl Grid {
             for (of_row, shares) in shares.cells(cell, tag) {
                 let [value, slope, growth] = shares.map(|v| v as f32);
                 let by_kind = [value, value, slope, value * lens_share];
-                let growth = growth * lens_share;
-                for (texel, of_cells) in row.iter_mut().zip(&rows[of_row]) {
+                let by_value = [0.0, 0.0, 0.0, growth * lens_share];
+                for (texel, of_cells) in row.iter_mut().zip(&rows[of_row][..count[0]]) {
                     for kind in 0..4 {
-                        texel[kind] += by_kind[kind] * of_cells[kind];
+                        let growth = by_value[kind] * of_cells[0];
+                        texel[kind] += by_kind[kind] * of_cells[kind] + growth;
                     }
-                    texel[3] += growth * of_cells[0];
                 }
             }
         }
