@@ -6,7 +6,7 @@
 
 use crate::blur::Blur;
 use crate::pattern::{PatternSample, Shares};
-use crate::tag::{MAX_CELLS, Tag};
+use crate::tag::Tag;
 
 /// Entries per sigma of the blur, and limits of entries per cell.
 const PER_SIGMA: f64 = 2.0;
@@ -55,8 +55,8 @@ impl Template {
     pub(crate) fn at(&self, place: [f64; 2]) -> PatternSample {
         let last = (self.side - 2) as f32;
         let [x, y] = place.map(|v| ((v + self.half_cells) * self.per_cell) as f32);
-        let [column, row] = [x, y].map(|v| v.clamp(0.0, last) as usize);
-        let weight = |v: f32, from: usize| (v - from as f32).clamp(0.0, 1.0);
+        let [column, row] = [x, y].map(|v| v.max(0.0).min(last) as usize);
+        let weight = |v: f32, from: usize| (v - from as f32).max(0.0).min(1.0);
         let (s, t) = (weight(x, column), weight(y, row));
         let at = row * self.side + column;
         let top = &self.texels[at..][..2];
@@ -105,21 +105,19 @@ impl Grid {
             (from_begin.div_euclid(step), &phases[axis][phase])
         };
         // By row of cells: value, derivative by x, value, derivative by blur across.
-        let mut rows: [Vec<Texel>; MAX_CELLS] = Default::default();
-        for (row, texels) in rows.iter_mut().enumerate().take(tag.cells()) {
-            let whites = tag.whites(row);
-            let texel = |k: usize| {
-                let (cell, shares) = place(0, k);
-                let mut sum = [0.0; 3];
-                for (column, shares) in shares.cells(cell, tag) {
-                    for (sum, share) in sum.iter_mut().zip(shares) {
-                        *sum += whites[column] * share;
+        let mut rows = vec![vec![[0.0_f32; 4]; count[0]]; tag.cells()];
+        for k in 0..count[0] {
+            let (cell, shares) = place(0, k);
+            for (column, shares) in shares.cells(cell, tag) {
+                let [value, slope, growth] = shares.map(|v| v as f32);
+                for (row, texels) in rows.iter_mut().enumerate() {
+                    let white = tag.whites(row)[column];
+                    let of_cell = [value, slope, value, growth];
+                    for kind in 0..4 {
+                        texels[k][kind] += white * of_cell[kind];
                     }
                 }
-                let [value, slope, growth] = sum.map(|v| v as f32);
-                [value, slope, value, growth]
-            };
-            *texels = (0..count[0]).map(texel).collect();
+            }
         }
         let mut texels = vec![[0.0; 4]; count[0] * count[1]];
         let lens_share = blur.lens_share as f32;
