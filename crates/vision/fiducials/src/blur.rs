@@ -46,12 +46,14 @@ impl Blur {
         })
     }
 
-    /// Whether a pattern with the other blur can be extrapolated to this one.
-    pub(crate) fn is_near(&self, other: &Self) -> bool {
-        (0..2).all(|k| {
-            let growth = self.sigma[k] / other.sigma[k] - 1.0;
-            growth.abs() < NEAR_SHARE && (self.motion[k] - other.motion[k]).abs() < NEAR_CELLS
-        })
+    /// Change of the logarithm of the lens's blur that gives another one, if a pattern can be
+    /// extrapolated to that.
+    pub(crate) fn log_growth_to(&self, other: &Self) -> Option<f64> {
+        let growth = [0, 1].map(|k| other.sigma[k] / self.sigma[k] - 1.0);
+        let is_near = (0..2).all(|k| {
+            growth[k].abs() < NEAR_SHARE && (self.motion[k] - other.motion[k]).abs() < NEAR_CELLS
+        });
+        is_near.then(|| 0.5 * (growth[0] + growth[1]) / self.lens_share)
     }
 
     /// How far the blur reaches along both axes, with these sigmas of lens and pixel, cells.

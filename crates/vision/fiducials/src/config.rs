@@ -31,7 +31,7 @@ config! {
         pub min_contrast_levels: f64 = 12.0,
         /// Maximum number of pixels of an eye that count: of larger tags every so many do. Errors
         /// of the model, which all pixels share, limit the accuracy, not noise.
-        pub max_pixels: usize = 700,
+        pub max_pixels: usize = 300,
         /// Minimum share of the tag's cells inside the image.
         pub min_share: f64 = 0.5,
         /// Maximum number of wrong bits of a tag of known identity.

@@ -13,6 +13,7 @@ use crate::align::Aligner;
 use crate::cells::Cells;
 use crate::config::Config;
 use crate::linearization::{Linearization, Problem, State};
+use crate::moments::Moments;
 use crate::patch::{Patch, Selection, Window};
 use crate::planar_pose::mirrored;
 use crate::tag::Tag;
@@ -191,8 +192,15 @@ impl<'a> Fitter<'a> {
 
     /// A start from which the fit converges, if this one is not.
     fn align(&self, start: &RigidTransform, problem: &Problem<'_>) -> Option<RigidTransform> {
-        let evaluation = problem.evaluate(start, 0.0)?;
-        if problem.correlation(&evaluation) > self.config.min_start_correlation {
+        let patterns = problem.patterns(start, 0.0)?;
+        let correlations = patterns.iter().map(|of_patch| {
+            let mut moments = Moments::default();
+            for [pattern, level] in of_patch {
+                moments.add(f64::from(*pattern), f64::from(*level));
+            }
+            moments.correlation()
+        });
+        if correlations.fold(1.0, f64::min) > self.config.min_start_correlation {
             return None;
         }
         let patches: Vec<&Patch<'_>> = problem.patches.iter().map(|own| &own.patch).collect();
@@ -206,10 +214,11 @@ impl<'a> Fitter<'a> {
 
     /// The pose near a start; `convergence` as a multiple of the configured one.
     fn solve(&self, problem: &Problem<'_>, start: &Start, convergence: f64) -> Option<Solution> {
-        let mut evaluation = problem.evaluate(&start.pose, start.log_blur)?;
-        let mut state = problem.start(&start.pose, start.log_blur, &evaluation)?;
+        let patterns = problem.patterns(&start.pose, start.log_blur)?;
+        let mut state = problem.start(&start.pose, start.log_blur, &patterns)?;
         state.tone = start.tone.unwrap_or(state.tone);
-        let mut noise = problem.noise(&state, &evaluation);
+        let mut evaluation = problem.evaluate(&state)?;
+        let mut noise = problem.noise(&evaluation);
         let mut at = problem.linearize(&state, &evaluation, noise);
         let mut damping = 1e-3;
         let converged = convergence * self.config.convergence_cells;
@@ -217,12 +226,9 @@ impl<'a> Fitter<'a> {
             let step = at.step(damping)?;
             let motion = self.corner_motion(&step);
             let moved = state.after(&step)?;
-            let patterns = problem.evaluate(&moved.pose, moved.log_blur);
-            let next = patterns.and_then(|patterns| {
-                let next = problem.linearize(&moved, &patterns, noise);
-                (next.cost <= at.cost).then_some((patterns, next))
-            });
-            let Some((patterns, next)) = next else {
+            let least = problem.cost(&evaluation, noise);
+            let next = problem.evaluate(&moved);
+            let Some(next) = next.filter(|next| problem.cost(next, noise) <= least) else {
                 // Values and gradients of a table agree to so much.
                 if motion < converged.max(self.config.rejected_cells) {
                     break;
@@ -230,18 +236,14 @@ impl<'a> Fitter<'a> {
                 damping *= 8.0;
                 continue;
             };
-            (state, evaluation) = (moved, patterns);
+            (state, evaluation) = (moved, next);
             damping *= 0.2;
-            let is_converged = motion < converged;
             // Noise is overestimated before convergence.
-            let lower = problem.noise(&state, &evaluation);
+            let lower = problem.noise(&evaluation);
             let is_settled = lower > 0.9 * noise;
             noise = lower;
-            at = match is_settled {
-                true => next,
-                false => problem.linearize(&state, &evaluation, noise),
-            };
-            if is_converged && is_settled {
+            at = problem.linearize(&state, &evaluation, noise);
+            if motion < converged && is_settled {
                 break;
             }
         }
@@ -254,13 +256,10 @@ impl<'a> Fitter<'a> {
         let eye_from_reference = problem.patches.first()?.patch.view.eye_from_reference;
         let start = mirrored(&(eye_from_reference * first.state.pose), [0.0; 3])?;
         let start = eye_from_reference.inverse() * start;
-        let evaluation = problem.evaluate(&first.state.pose, first.state.log_blur)?;
-        let noise = problem.noise(&first.state, &evaluation);
-        let cost = |state: &State| {
-            let evaluation = problem.evaluate(&state.pose, state.log_blur)?;
-            Some(problem.linearize(state, &evaluation, noise).cost)
-        };
-        let least = cost(&first.state)?;
+        let evaluation = problem.evaluate(&first.state)?;
+        let noise = problem.noise(&evaluation);
+        let cost = |state: &State| Some(problem.cost(&problem.evaluate(state)?, noise));
+        let least = problem.cost(&evaluation, noise);
         let at_start = State {
             pose: start,
             ..first.state.clone()

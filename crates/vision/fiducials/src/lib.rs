@@ -24,6 +24,7 @@ mod pattern;
 mod planar_pose;
 mod quadrilateral;
 mod regions;
+mod residuals;
 mod search;
 pub mod square;
 mod tag;

@@ -1,5 +1,7 @@
 //! Normal equations of a fit.
 
+use std::rc::Rc;
+
 use cad_transforms::RigidTransform;
 use nalgebra::{DMatrix, DVector, Matrix6};
 
@@ -7,22 +9,19 @@ use crate::blur::Blur;
 use crate::config::Config;
 use crate::levels::Levels;
 use crate::moments::Moments;
-use crate::patch::Patch;
+use crate::patch::{Patch, Pixel};
 use crate::pattern::PatternSample;
+use crate::residuals::{
+    BLUR, Batch, Evaluation, LevelModel, OWN, Residuals, SHARED, Sums, TONE, robust_excess,
+};
 use crate::tag::Tag;
 use crate::template::Template;
 use crate::tone::Tone;
-use crate::view::{Motion, by_motion};
+use crate::view::{Motion, PlanePoint, by_motion};
 
-/// Unknowns that all eyes share: pose, blur, tone.
-const SHARED: usize = 8;
-const BLUR: usize = 6;
-const TONE: usize = 7;
 /// Limits of the logarithm of the blur, and of the exponent of the tone curve.
 const LOG_BLUR_LIMIT: f64 = 1.5;
 const TONE_LIMITS: [f64; 2] = [0.25, 1.2];
-/// Step of the difference by the exponent.
-const TONE_STEP: f64 = 0.01;
 /// Standard deviation of a normal distribution by the median of its absolute values.
 const SIGMA_BY_MEDIAN: f64 = 1.4826;
 
@@ -61,8 +60,6 @@ impl State {
 pub(crate) struct Linearization {
     hessian: DMatrix<f64>,
     gradient: DVector<f64>,
-    /// Robust cost, in units of the noise.
-    pub(crate) cost: f64,
     /// Residual of the pixels, weighted, levels.
     pub(crate) rms_levels: f64,
     /// Blur on the tag in the sharpest eye, m.
@@ -107,8 +104,10 @@ pub(crate) struct Problem<'a> {
 pub(crate) struct PatternedPatch<'a> {
     pub(crate) patch: Patch<'a>,
     pub(crate) blur: Blur,
-    template: Template,
-    /// Logarithm of the lens's blur in the template. Near it the pattern is extrapolated.
+    /// Eyes with similar blur have the same one.
+    template: Rc<Template>,
+    /// Logarithm of the lens's blur at which the template has the blur of this eye. Near it the
+    /// pattern is extrapolated.
     log_blur: f64,
 }
 
@@ -123,23 +122,8 @@ impl PatternedPatch<'_> {
     }
 }
 
-/// A pixel's pattern before the tone curve, and its derivatives by pose and blur.
-#[derive(Clone, Copy, Debug)]
-struct Row {
-    pattern: f32,
-    by_shared: [f32; 7],
-    level: f32,
-}
-
-/// Patterns of all pixels at a pose and a blur, by patch.
-pub(crate) struct Evaluation {
-    patches: Vec<Vec<Row>>,
-}
-
-/// Unknowns of one patch: those that are shared, and its levels.
-const OWN: usize = SHARED + 2;
-/// Pixels whose normal equations are summed in single precision.
-const BATCH: usize = 32;
+/// Patterns before the tone curve, and gray levels, of the pixels of a patch.
+pub(crate) type Patterns = Vec<[f32; 2]>;
 
 impl<'a> Problem<'a> {
     /// Pixels of each eye near a pose, with patterns of its blur; `None` without pixels.
@@ -166,68 +150,54 @@ impl<'a> Problem<'a> {
         (pose, log_blur): (&RigidTransform, f64),
     ) -> Option<Self> {
         let lens_px = self.config.blur_px * libm::exp(log_blur);
-        let mut earlier = std::mem::take(&mut self.patches);
+        let earlier = std::mem::take(&mut self.patches);
         for patch in patches {
             let blur = Blur::new(&patch.view, self.tag, pose, self.motion, lens_px)?;
-            let kept = earlier.iter().position(|own| {
-                own.patch.eye == patch.eye && blur.is_near(&own.blur)
+            let known = self.patches.iter().chain(&earlier);
+            let near = known
+                .filter_map(|own| Some((own, own.template.blur().log_growth_to(&blur)?)))
+                .next();
+            let (template, growth) = match near {
+                Some((own, growth)) => (Rc::clone(&own.template), growth),
+                None => (Rc::new(Template::new(self.tag, &blur)), 0.0),
+            };
+            self.patches.push(PatternedPatch {
+                patch,
+                blur,
+                template,
+                log_blur: log_blur - growth,
             });
-            self.patches
-                .push(match kept.map(|at| earlier.swap_remove(at)) {
-                    Some(own) => PatternedPatch { patch, ..own },
-                    None => PatternedPatch {
-                        patch,
-                        template: Template::new(self.tag, &blur),
-                        blur,
-                        log_blur,
-                    },
-                });
         }
         (!self.patches.is_empty()).then_some(self)
     }
 
-    /// Patterns at a pose and the logarithm of a blur; `None` without pixels, or if one of them
-    /// does not show the front of the tag: with fewer residuals a state would have a lower cost.
-    pub(crate) fn evaluate(&self, pose: &RigidTransform, log_blur: f64) -> Option<Evaluation> {
-        let of_patch = |patterned: &PatternedPatch<'_>| {
-            let pixels = &patterned.patch.pixels;
-            let mut rows = Vec::with_capacity(pixels.len());
-            patterned
-                .patch
-                .for_each(pose, self.motion, |pixel, row_pose| {
-                    let Some(point) = row_pose.meet(&pixel.ray) else {
-                        return;
-                    };
-                    let pattern = patterned.pattern(self.tag, point.at, log_blur);
-                    let [a, b] = by_motion(&point);
-                    let [x, y] = pattern.gradient;
-                    let mut by_shared = [0.0; 7];
-                    for n in 0..BLUR {
-                        by_shared[n] = (x * a[n] + y * b[n]) as f32;
-                    }
-                    by_shared[BLUR] = pattern.by_log_blur as f32;
-                    rows.push(Row {
-                        pattern: pattern.value as f32,
-                        by_shared,
-                        level: pixel.level as f32,
-                    });
-                });
-            (!rows.is_empty() && rows.len() == pixels.len()).then_some(rows)
-        };
-        let patches: Vec<Vec<Row>> = self.patches.iter().map(of_patch).collect::<Option<_>>()?;
-        (!patches.is_empty()).then_some(Evaluation { patches })
+    /// Where the pixels of a patch meet the tag in a pose; fewer than all if one of them does not
+    /// show its front.
+    fn for_each(
+        &self,
+        own: &PatternedPatch<'_>,
+        pose: &RigidTransform,
+        mut each: impl FnMut(&Pixel, &PlanePoint),
+    ) {
+        own.patch.for_each(pose, self.motion, |pixel, row_pose| {
+            if let Some(point) = row_pose.meet(&pixel.ray) {
+                each(pixel, &point);
+            }
+        });
     }
 
-    /// Lowest correlation of the eyes' gray levels with the pattern.
-    pub(crate) fn correlation(&self, evaluation: &Evaluation) -> f64 {
-        let of = |rows: &Vec<Row>| {
-            let mut moments = Moments::default();
-            for row in rows {
-                moments.add(f64::from(row.pattern), f64::from(row.level));
-            }
-            moments.correlation()
+    /// Patterns by patch at a pose and the logarithm of a blur; `None` if a pixel does not show the
+    /// front of the tag.
+    pub(crate) fn patterns(&self, pose: &RigidTransform, log_blur: f64) -> Option<Vec<Patterns>> {
+        let of_patch = |own: &PatternedPatch<'_>| {
+            let mut patterns = Vec::with_capacity(own.patch.pixels.len());
+            self.for_each(own, pose, |pixel, point| {
+                let pattern = own.pattern(self.tag, point.at, log_blur);
+                patterns.push([pattern.value as f32, pixel.level as f32]);
+            });
+            (patterns.len() == own.patch.pixels.len()).then_some(patterns)
         };
-        evaluation.patches.iter().map(of).fold(1.0, f64::min)
+        self.patches.iter().map(of_patch).collect()
     }
 
     /// The state at a pose where patterns are known; `None` without contrast.
@@ -235,13 +205,13 @@ impl<'a> Problem<'a> {
         &self,
         pose: &RigidTransform,
         log_blur: f64,
-        evaluation: &Evaluation,
+        patterns: &[Patterns],
     ) -> Option<State> {
         let tone = Tone::new(self.config.tone, 0.05);
-        let levels = |rows: &Vec<Row>| {
+        let levels = |patterns: &Patterns| {
             let mut moments = Moments::default();
-            for row in rows {
-                moments.add(f64::from(tone.at(row.pattern).0), f64::from(row.level));
+            for [pattern, level] in patterns {
+                moments.add(f64::from(tone.at(*pattern).0), f64::from(*level));
             }
             let (black, contrast) = moments.line()?;
             (contrast > self.config.min_contrast_levels).then_some(Levels {
@@ -253,45 +223,85 @@ impl<'a> Problem<'a> {
             pose: *pose,
             log_blur,
             tone: self.config.tone,
-            levels: evaluation
-                .patches
-                .iter()
-                .map(levels)
-                .collect::<Option<_>>()?,
+            levels: patterns.iter().map(levels).collect::<Option<_>>()?,
         })
     }
 
+    /// Residuals of all pixels at a state, with derivatives; `None` if one of them does not show
+    /// the front of the tag: with fewer residuals a state would have a lower cost.
+    pub(crate) fn evaluate(&self, state: &State) -> Option<Evaluation> {
+        let of_patch = |(own, levels): (&PatternedPatch<'_>, &Levels)| {
+            let model = LevelModel::new(levels, state.tone);
+            let mut residuals = Residuals::default();
+            self.for_each(own, &state.pose, |pixel, point| {
+                let pattern = own.pattern(self.tag, point.at, state.log_blur);
+                let [a, b] = by_motion(point);
+                let [x, y] = pattern.gradient;
+                let mut by_shared = [0.0; 7];
+                for n in 0..BLUR {
+                    by_shared[n] = (x * a[n] + y * b[n]) as f32;
+                }
+                by_shared[BLUR] = pattern.by_log_blur as f32;
+                let (residual, by) =
+                    model.residual(pattern.value as f32, by_shared, pixel.level as f32);
+                residuals.push(residual, &by);
+            });
+            (residuals.count == own.patch.pixels.len()).then_some(residuals)
+        };
+        let patches = self.patches.iter().zip(&state.levels).map(of_patch);
+        Some(Evaluation {
+            patches: patches.collect::<Option<_>>()?,
+            priors: self.priors(state),
+        })
+    }
+
+    /// Unknowns with a prior: index, deviation from it, and sigma.
+    fn priors(&self, state: &State) -> [(usize, f64, f64); 2] {
+        let config = self.config;
+        [
+            (BLUR, state.log_blur, config.blur_sigma),
+            (TONE, state.tone - config.tone, config.tone_sigma),
+        ]
+    }
+
     /// Noise of a pixel, levels: the spread of the residuals, and no less than the configured one.
-    pub(crate) fn noise(&self, state: &State, evaluation: &Evaluation) -> f64 {
-        let mut sizes = Vec::with_capacity(evaluation.patches.iter().map(Vec::len).sum());
-        for (levels, rows) in state.levels.iter().zip(&evaluation.patches) {
-            let tone = levels.tone(state.tone);
-            let [black, contrast] = [levels.black, levels.contrast()].map(|v| v as f32);
-            sizes.extend(
-                rows.iter()
-                    .map(|row| (black + contrast * tone.at(row.pattern).0 - row.level).abs()),
-            );
-        }
+    pub(crate) fn noise(&self, evaluation: &Evaluation) -> f64 {
+        let residuals = evaluation.patches.iter().flat_map(Residuals::values);
+        let mut sizes: Vec<f32> = residuals.map(f32::abs).collect();
         let middle = sizes.len() / 2;
         let (_, median, _) = sizes.select_nth_unstable_by(middle, f32::total_cmp);
         (SIGMA_BY_MEDIAN * f64::from(*median)).max(self.config.noise_levels)
     }
 
-    /// Normal equations at a state and its patterns, for pixels with this noise.
+    /// Robust cost for pixels with this noise.
+    pub(crate) fn cost(&self, evaluation: &Evaluation, noise: f64) -> f64 {
+        let limit = self.config.robust_ratio;
+        let by_limit = (1.0 / (noise * limit)) as f32;
+        let of_batch = |batch: &Batch| {
+            let excess = batch.residuals.map(|residual| robust_excess(residual * by_limit));
+            // The sum of the logarithms; gray levels keep the product finite.
+            libm::log(excess.into_iter().map(f64::from).product())
+        };
+        let batches = evaluation.patches.iter().flat_map(|patch| &patch.batches);
+        let of_pixels: f64 = batches.map(of_batch).sum();
+        let priors = evaluation.priors.iter();
+        let of_priors: f64 = priors.map(|(_, deviation, sigma)| (deviation / sigma).powi(2)).sum();
+        limit * limit * of_pixels + of_priors
+    }
+
+    /// Normal equations at a state, for pixels with this noise.
     pub(crate) fn linearize(
         &self,
         state: &State,
         evaluation: &Evaluation,
         noise: f64,
     ) -> Linearization {
-        let config = self.config;
         let count = SHARED + 2 * self.patches.len();
         let mut hessian = DMatrix::zeros(count, count);
         let mut gradient = DVector::zeros(count);
-        let (mut cost, mut weights, mut squares) = (0.0, 0.0, 0.0);
-        for (patch, rows) in evaluation.patches.iter().enumerate() {
-            let sums = Sums::new(rows, &state.levels[patch], state.tone, config, noise);
-            cost += sums.cost;
+        let (mut weights, mut squares) = (0.0, 0.0);
+        for (patch, residuals) in evaluation.patches.iter().enumerate() {
+            let sums = Sums::new(residuals, noise, self.config.robust_ratio);
             weights += sums.weights;
             squares += sums.squares;
             let place = |n: usize| if n < SHARED { n } else { n + 2 * patch };
@@ -302,102 +312,21 @@ impl<'a> Problem<'a> {
                 }
             }
         }
-        let priors = [
-            (BLUR, state.log_blur, config.blur_sigma),
-            (TONE, state.tone - config.tone, config.tone_sigma),
-        ];
-        for (k, difference, sigma) in priors {
-            cost += (difference / sigma).powi(2);
-            gradient[k] += difference / (sigma * sigma);
+        for (k, deviation, sigma) in evaluation.priors {
+            gradient[k] += deviation / (sigma * sigma);
             hessian[(k, k)] += 1.0 / (sigma * sigma);
         }
         hessian.fill_lower_triangle_with_upper_triangle();
-        let blurs = self.patches.iter().map(|patterned| {
-            let growth = libm::exp(state.log_blur - patterned.log_blur);
-            let [x, y] = patterned.blur.reach_cells(growth);
+        let blurs = self.patches.iter().map(|own| {
+            let growth = libm::exp(state.log_blur - own.log_blur);
+            let [x, y] = own.template.blur().reach_cells(growth);
             (x * y).sqrt() * self.tag.cell_m()
         });
         Linearization {
             hessian,
             gradient,
-            cost,
             rms_levels: (squares / weights.max(1.0)).sqrt(),
             blur_m: blurs.fold(f64::INFINITY, f64::min),
         }
     }
-}
-
-/// Normal equations of one patch; of the symmetric matrix the upper half.
-struct Sums {
-    hessian: [[f64; OWN]; OWN],
-    gradient: [f64; OWN],
-    cost: f64,
-    weights: f64,
-    squares: f64,
-}
-
-impl Sums {
-    fn new(rows: &[Row], levels: &Levels, tone: f64, config: &Config, noise: f64) -> Self {
-        let mut sums = Self {
-            hessian: [[0.0; OWN]; OWN],
-            gradient: [0.0; OWN],
-            cost: 0.0,
-            weights: 0.0,
-            squares: 0.0,
-        };
-        let (curve, wider) = (levels.tone(tone), levels.tone(tone + TONE_STEP));
-        let limit = config.robust_ratio;
-        let [black, contrast] = [levels.black, levels.contrast()].map(|v| v as f32);
-        let by_limit = (1.0 / (noise * limit)) as f32;
-        let by_noise = (1.0 / noise) as f32;
-        let by_step = contrast / TONE_STEP as f32;
-        for batch in rows.chunks(BATCH) {
-            // Derivatives and residuals times the root of the weight, by unknown.
-            let mut by = [[0.0_f32; BATCH]; OWN];
-            let mut residuals = [0.0_f32; BATCH];
-            let mut weights = 0.0_f32;
-            let mut product = 1.0;
-            for (n, row) in batch.iter().enumerate() {
-                let (share, slope) = curve.at(row.pattern);
-                let residual = black + contrast * share - row.level;
-                let scaled = residual * by_limit;
-                let excess = 1.0 + scaled * scaled;
-                product *= f64::from(excess);
-                weights += 1.0 / excess;
-                let root = by_noise / excess.sqrt();
-                residuals[n] = root * residual;
-                let factor = root * contrast * slope;
-                for (by, own) in by.iter_mut().zip(row.by_shared) {
-                    by[n] = factor * own;
-                }
-                by[TONE][n] = root * by_step * (wider.at(row.pattern).0 - share);
-                by[SHARED][n] = root * (1.0 - share);
-                by[SHARED + 1][n] = root * share;
-            }
-            for i in 0..OWN {
-                sums.gradient[i] += f64::from(dot(&by[i], &residuals));
-                for j in i..OWN {
-                    sums.hessian[i][j] += f64::from(dot(&by[i], &by[j]));
-                }
-            }
-            // The sum of the logarithms; gray levels keep the product finite.
-            sums.cost += limit * limit * libm::log(product);
-            sums.weights += f64::from(weights);
-            sums.squares += f64::from(dot(&residuals, &residuals)) * noise * noise;
-        }
-        sums
-    }
-}
-
-/// In an order of its own, which the compiler can use vectors for.
-fn dot(a: &[f32; BATCH], b: &[f32; BATCH]) -> f32 {
-    const LANES: usize = 8;
-    let mut sums = [0.0_f32; LANES];
-    for (a, b) in a.chunks_exact(LANES).zip(b.chunks_exact(LANES)) {
-        for k in 0..LANES {
-            sums[k] += a[k] * b[k];
-        }
-    }
-    let half: [f32; 4] = std::array::from_fn(|k| sums[k] + sums[k + 4]);
-    (half[0] + half[2]) + (half[1] + half[3])
 }

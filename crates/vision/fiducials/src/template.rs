@@ -21,6 +21,7 @@ type Texel = [f32; 4];
 
 #[derive(Clone, Debug)]
 pub(crate) struct Template {
+    blur: Blur,
     per_cell: f64,
     half_cells: f64,
     side: usize,
@@ -41,6 +42,7 @@ impl Template {
         let sharp = Grid::new(tag, blur, per_cell as usize, around);
         let is_moving = motion.iter().any(|v| v.abs() > 0.1);
         Self {
+            blur: blur.clone(),
             per_cell,
             half_cells: tag.half_cells(),
             side,
@@ -49,6 +51,11 @@ impl Template {
                 false => sharp.middle(side),
             },
         }
+    }
+
+    /// The blur that it has.
+    pub(crate) fn blur(&self) -> &Blur {
+        &self.blur
     }
 
     /// The pattern at a place, cells; beyond the margin as at its end.
