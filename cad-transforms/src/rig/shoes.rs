@@ -2,6 +2,7 @@
 
 use std::ops::Range;
 
+use serde::{Deserialize, Serialize};
 use toml::de::DeValue;
 
 use super::file::transform;
@@ -37,18 +38,21 @@ pub struct ShoeTag {
 }
 
 /// A family of AprilTags.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum TagFamily {
     /// 36 bits, 11 of which differ between any two tags.
+    #[serde(rename = "36h11")]
     Tag36h11,
 }
 
 /// A foot of the wearer.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 pub enum Foot {
     /// The wearer's left.
+    #[serde(rename = "left_foot")]
     Left,
     /// The wearer's right.
+    #[serde(rename = "right_foot")]
     Right,
 }
 

@@ -7,6 +7,7 @@
 //! | `bundle-adjustment` | hand-off, `rig`, `trajectory-causal`, `trajectory-odom`, `tracks` | `trajectory`, `rig-refined` |
 //! | `depth` | hand-off, `rig-refined`, `trajectory` | `keyframes`, `depth` |
 //! | `cloud` | hand-off, `rig-refined`, `trajectory`, `keyframes`, `depth` | `cloud`, `masks` |
+//! | `tags` | hand-off, `rig-refined`, `trajectory` | `tag-detections` |
 
 use super::{Pipeline, PipelineError, Stage};
 use crate::input::Input;
@@ -25,9 +26,17 @@ mod odometry;
 mod pose_interpolation;
 mod preset;
 pub mod rig;
+mod tags;
 
 /// Names of the stages, in order.
-pub const NAMES: [&str; 5] = ["rig", "odometry", "bundle-adjustment", "depth", "cloud"];
+pub const NAMES: [&str; 6] = [
+    "rig",
+    "odometry",
+    "bundle-adjustment",
+    "depth",
+    "cloud",
+    "tags",
+];
 
 /// Options of the stages.
 #[derive(Clone, Debug, Default)]
@@ -59,6 +68,7 @@ pub fn pipeline(options: Options) -> Result<Pipeline<Input>, PipelineError> {
         Box::new(cloud::CloudStage {
             networks: options.networks,
         }),
+        Box::new(tags::TagsStage),
     ];
     Pipeline::new(stages, &[HANDOFF])
 }

@@ -266,6 +266,7 @@ pub enum ExportError {
 /// #     revision: "B".to_owned(),
 /// #     cameras: vec![camera],
 /// #     imus: Vec::new(),
+/// #     shoes: Vec::new(),
 /// # };
 /// # let keyframe = |frame: u64| -> Result<Keyframe, Box<dyn std::error::Error>> {
 /// #     Ok(Keyframe {
@@ -336,6 +337,7 @@ pub enum ExportError {
 /// #     revision: "B".to_owned(),
 /// #     cameras: vec![camera],
 /// #     imus: Vec::new(),
+/// #     shoes: Vec::new(),
 /// # };
 /// # let keyframe = |frame: u64| -> Result<Keyframe, Box<dyn std::error::Error>> {
 /// #     Ok(Keyframe {

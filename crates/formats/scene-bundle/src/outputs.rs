@@ -9,6 +9,7 @@ pub mod depth;
 pub mod keyframes;
 pub mod masks;
 pub mod rig;
+pub mod tag_detections;
 pub mod tracks;
 pub mod trajectory;
 
@@ -41,6 +42,8 @@ pub const MASKS: &str = "masks";
 pub const DEPTH: &str = "depth";
 /// Point cloud.
 pub const CLOUD: &str = "cloud";
+/// Tags on the wearer's shoes in the images of the cameras.
+pub const TAG_DETECTIONS: &str = "tag-detections";
 
 pub(crate) fn write_json(
     draft: &Draft,
@@ -62,6 +65,21 @@ pub(crate) fn read_json<T: DeserializeOwned>(
         found: format!("JSON where {e}"),
         expected: format!("what the format has in {path}"),
     })
+}
+
+/// A file that is not as the format has it.
+pub(crate) fn malformed(
+    path: std::path::PathBuf,
+    place: String,
+    found: String,
+    expected: &str,
+) -> BundleError {
+    BundleError::Malformed {
+        path,
+        place,
+        found,
+        expected: expected.to_owned(),
+    }
 }
 
 /// A value that the caller gave and the format does not allow.

@@ -4,8 +4,9 @@ use std::collections::BTreeMap;
 use std::fmt::Write;
 
 use anyhow::{Context, Result};
+use cad_transforms::rig::Foot;
 use chrono::{DateTime, SecondsFormat};
-use scene_bundle::outputs::{self, cloud, depth, keyframes, rig, trajectory};
+use scene_bundle::outputs::{self, cloud, depth, keyframes, rig, tag_detections, trajectory};
 use scene_bundle::{BundleError, Scene, Status, Trajectory};
 use serde_json::{Value, json};
 
@@ -159,6 +160,19 @@ fn facts_of(scene: &Scene, name: &str) -> Result<Value, BundleError> {
                 .iter()
                 .map(|v| format!("{} {}x{}", v.camera, v.model.width, v.model.height));
             json!({ "images": index.images.len(), "views": views.collect::<Vec<_>>().join(", ") })
+        }
+        outputs::TAG_DETECTIONS => {
+            let mut of_foot: BTreeMap<Foot, u64> = BTreeMap::new();
+            let detections = tag_detections::read(&reader)?;
+            for detection in &detections {
+                *of_foot.entry(detection.foot).or_default() += 1;
+            }
+            let counts = |foot: Foot| of_foot.get(&foot).copied().unwrap_or_default();
+            json!({
+                "detections": detections.len(),
+                "left_foot": counts(Foot::Left),
+                "right_foot": counts(Foot::Right),
+            })
         }
         outputs::CLOUD => json!({ "points": cloud::read(&reader)?.len() }),
         _ => Value::Null,

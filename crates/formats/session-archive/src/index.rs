@@ -22,7 +22,7 @@ pub use entries::*;
 
 use build::{Build, segment_lengths};
 
-const MAGIC: [u8; 8] = *b"PAWSIDX2";
+const MAGIC: [u8; 8] = *b"PAWSIDX3";
 /// No index is larger than this once unpacked; three cameras at 30 Hz take 0.6 GB in a whole day.
 const UNPACKED_LIMIT: usize = 1 << 30;
 /// The least that a decoded index may take: every index of an hour's walk takes less.

@@ -14,6 +14,7 @@ fn index() -> Index {
         time_unreliable: false,
         host_time_ns: number as i64 * PERIOD + 5,
         device_ticks: number as i64,
+        exposure_ns: Some(8_000_000),
         key: (number / 15 * 15) as u32,
         segment: (number / 1800) as u32,
         offset: number * 20_000,

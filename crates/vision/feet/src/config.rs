@@ -1,4 +1,4 @@
-//! Configuration of the tracking of shoe tags.
+//! Configuration of the tracking of shoe tags, and of contacts and swings.
 
 use estimator_config::config;
 
@@ -36,5 +36,54 @@ config! {
         pub lost_s: f64 = 0.15,
         /// Distance around a predicted tag in which it is searched if it is not there, m.
         pub near_m: f64 = 0.3,
+    }
+
+    /// Configuration of contacts and swings.
+    pub struct GaitConfig {
+        /// Feet at rest.
+        pub stance: StanceConfig = StanceConfig::default(),
+        /// Times of contacts.
+        pub events: EventConfig = EventConfig::default(),
+    }
+
+    /// Feet at rest.
+    pub struct StanceConfig {
+        /// Speed below which a foot may be at rest between two frames, besides three sigmas of
+        /// their poses, m/s.
+        pub max_speed: f64 = 0.15,
+        /// Angular rate, likewise, rad/s. Feet roll over heel and toe at 2 to 5 rad/s.
+        pub max_rate: f64 = 0.6,
+        /// Maximum time between frames of a foot at rest, s.
+        pub max_gap_s: f64 = 0.35,
+        /// Maximum time without a frame between two poses that are one stance if they agree, s.
+        pub max_hidden_s: f64 = 0.5,
+        /// Minimum number of frames of a foot at rest.
+        pub min_frames: usize = 2,
+        /// Distance and rotation from the mean pose of a foot at rest from which on frames do not
+        /// belong to it, besides three sigmas, m and rad.
+        pub max_deviation_m: f64 = 0.01,
+        /// See `max_deviation_m`.
+        pub max_deviation_rad: f64 = 0.05,
+        /// Displacement and rotation within a stance from which on it is two: a slide, or weight
+        /// that is shifted, m and rad.
+        pub max_drift_m: f64 = 0.02,
+        /// See `max_drift_m`.
+        pub max_drift_rad: f64 = 0.09,
+        /// Standard deviation of errors that all frames of a stance share: in the plane of the
+        /// sole and along its normal, m; tilt and heading, rad.
+        pub shared_sigma: [f64; 4] = [0.002, 0.003, 0.015, 0.005],
+    }
+
+    /// Times of contacts.
+    pub struct EventConfig {
+        /// Speed of the heel at its strike and its deceleration before, with their sigmas, m/s and
+        /// m/s².
+        pub strike_speed: [f64; 2] = [0.4, 0.3],
+        /// See `strike_speed`.
+        pub strike_deceleration: [f64; 2] = [18.0, 9.0],
+        /// Time from heel strike to foot flat and its sigma, s.
+        pub loading_s: [f64; 2] = [0.07, 0.025],
+        /// Time before the strike in which the approach of a foot is used, s.
+        pub max_approach_s: f64 = 0.2,
     }
 }

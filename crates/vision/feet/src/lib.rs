@@ -1,7 +1,8 @@
 //! Feet of a person who wears the rig.
 //!
 //! [`tag_tracker`] finds the tags on the shoes in the frames of stereo cameras, where the poses of
-//! the rig are known.
+//! the rig are known. From the poses of a foot in these frames, [`stance`] finds where it is at
+//! rest.
 //!
 //! Frames: the world has z up; the frame of a foot has its origin in the middle of the sole, x to
 //! the toe, y to the left, z up from the sole. Nothing here knows sessions, files or images other
@@ -10,6 +11,9 @@
 mod config;
 mod prediction;
 pub mod shoe;
+pub mod stance;
 pub mod tag_tracker;
 
-pub use config::{Config, PredictionConfig, SearchConfig};
+pub use config::{
+    Config, EventConfig, GaitConfig, PredictionConfig, SearchConfig, StanceConfig,
+};

@@ -38,10 +38,17 @@ pub struct Frame<'a> {
     pub images: [ImageView<'a>; 2],
     /// Exposure, s; 0 if unknown.
     pub exposure_s: f64,
-    /// Pose of the rig at that time.
+    /// Pose of the rig at that time; `None` if it is unknown: then there is no prediction.
+    pub rig: Option<RigState>,
+}
+
+/// Pose of the rig in the world, and its motion there.
+#[derive(Clone, Copy, Debug)]
+pub struct RigState {
+    /// Takes points of the rig to the world, m.
     pub world_from_rig: RigidTransform,
-    /// Motion of the rig in the world: of its origin, m/s, and its angular rate, rad/s.
-    pub rig_motion: Motion,
+    /// Of its origin, m/s, and its angular rate, rad/s.
+    pub motion: Motion,
 }
 
 /// A tag in a frame.
@@ -112,18 +119,18 @@ impl TagTracker {
 
     /// Tags of a shoe where they are predicted, or near there.
     fn predicted(&self, frame: &Frame<'_>, shoe: usize) -> Vec<Sighting> {
-        let Some(foot) = &self.feet[shoe] else {
+        let (Some(foot), Some(rig)) = (&self.feet[shoe], &frame.rig) else {
             return Vec::new();
         };
         if foot.age_s(frame.time_ns) > self.config.search.lost_s {
             return Vec::new();
         }
         let (world_from_foot, velocity) = foot.at(frame.time_ns, &self.config.prediction);
-        let rig_from_foot = frame.world_from_rig.inverse() * world_from_foot;
+        let rig_from_foot = rig.world_from_rig.inverse() * world_from_foot;
         let tags = self.shoes[shoe].tags.iter().enumerate();
         tags.filter_map(|(tag, shoe_tag)| {
             let start = rig_from_foot * shoe_tag.foot_from_tag;
-            let motion = self.motion_in_rig(frame, &world_from_foot, shoe_tag, &velocity);
+            let motion = motion_in_rig(rig, &world_from_foot, shoe_tag, &velocity);
             let fit = self
                 .fit(frame, shoe_tag, &start, &motion)
                 .or_else(|| self.near(frame, shoe_tag, &start))?;
@@ -213,27 +220,6 @@ impl TagTracker {
         fit(&views, &shoe_tag.tag, start, motion, &self.config.fit)
     }
 
-    /// Motion of a tag in the rig.
-    fn motion_in_rig(
-        &self,
-        frame: &Frame<'_>,
-        world_from_foot: &RigidTransform,
-        shoe_tag: &ShoeTag,
-        velocity: &Motion,
-    ) -> Motion {
-        let tag = *world_from_foot * shoe_tag.foot_from_tag;
-        let from_foot = tag.translation() - world_from_foot.translation();
-        let from_rig = tag.translation() - frame.world_from_rig.translation();
-        let [foot_rate, rig_rate] = [velocity.angular, frame.rig_motion.angular].map(Vector3::from);
-        let of_foot = Vector3::from(velocity.linear) + foot_rate.cross(&from_foot);
-        let of_rig = Vector3::from(frame.rig_motion.linear) + rig_rate.cross(&from_rig);
-        let back = frame.world_from_rig.rotation().inverse();
-        Motion {
-            linear: (back * (of_foot - of_rig)).into(),
-            angular: (back * (foot_rate - rig_rate)).into(),
-        }
-    }
-
     /// A sighting, if the foot can be there.
     fn sighting(
         &self,
@@ -243,7 +229,7 @@ impl TagTracker {
     ) -> Option<Sighting> {
         let distance = fit.reference_from_tag.translation().norm();
         let seen = self.foot_pose(frame, (shoe, tag), &fit);
-        let is_slow = self.feet[shoe].is_none_or(|foot| {
+        let is_slow = self.feet[shoe].zip(seen).is_none_or(|(foot, seen)| {
             foot.age_s(frame.time_ns) > self.config.search.lost_s
                 || foot.speed_to(&seen) < self.config.max_speed
         });
@@ -256,12 +242,19 @@ impl TagTracker {
         })
     }
 
-    fn foot_pose(&self, frame: &Frame<'_>, (shoe, tag): (usize, usize), fit: &Fit) -> FootPose {
+    /// Pose of a foot in the world, where that of the rig is known.
+    fn foot_pose(
+        &self,
+        frame: &Frame<'_>,
+        (shoe, tag): (usize, usize),
+        fit: &Fit,
+    ) -> Option<FootPose> {
+        let rig = frame.rig?;
         let tag_from_foot = self.shoes[shoe].tags[tag].foot_from_tag.inverse();
-        FootPose {
+        Some(FootPose {
             time_ns: frame.time_ns,
-            world_from_foot: frame.world_from_rig * fit.reference_from_tag * tag_from_foot,
-        }
+            world_from_foot: rig.world_from_rig * fit.reference_from_tag * tag_from_foot,
+        })
     }
 
     /// Updates the prediction of a foot by the sighting with the smallest covariance.
@@ -269,8 +262,30 @@ impl TagTracker {
         let trace = |seen: &&&Sighting| seen.fit.covariance.trace();
         let best = seen.iter().min_by(|a, b| trace(a).total_cmp(&trace(b)));
         let Some(best) = best else { return };
-        let pose = self.foot_pose(frame, (shoe, best.tag), &best.fit);
+        let Some(pose) = self.foot_pose(frame, (shoe, best.tag), &best.fit) else {
+            return;
+        };
         let config = &self.config.prediction;
         self.feet[shoe] = Some(FootMotion::new(pose, self.feet[shoe].as_ref(), config));
     }
 }
+
+/// Motion of a tag in the rig.
+fn motion_in_rig(
+        rig: &RigState,
+        world_from_foot: &RigidTransform,
+        shoe_tag: &ShoeTag,
+        velocity: &Motion,
+    ) -> Motion {
+        let tag = *world_from_foot * shoe_tag.foot_from_tag;
+        let from_foot = tag.translation() - world_from_foot.translation();
+        let from_rig = tag.translation() - rig.world_from_rig.translation();
+        let [foot_rate, rig_rate] = [velocity.angular, rig.motion.angular].map(Vector3::from);
+        let of_foot = Vector3::from(velocity.linear) + foot_rate.cross(&from_foot);
+        let of_rig = Vector3::from(rig.motion.linear) + rig_rate.cross(&from_rig);
+        let back = rig.world_from_rig.rotation().inverse();
+        Motion {
+            linear: (back * (of_foot - of_rig)).into(),
+            angular: (back * (foot_rate - rig_rate)).into(),
+        }
+    }

@@ -308,6 +308,7 @@ mod tests {
             revision: "1".to_owned(),
             cameras: vec![camera],
             imus: Vec::new(),
+            shoes: Vec::new(),
         };
         let rotation = |angle_deg: f64| {
             RigidTransform::from_rotation_vector([0.0, angle_deg.to_radians(), 0.0], [0.0; 3])

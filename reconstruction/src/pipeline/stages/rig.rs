@@ -13,8 +13,9 @@ use std::collections::BTreeMap;
 
 use cad_transforms::Rig;
 use cad_transforms::frame::FramePart;
+use cad_transforms::rig::Foot;
 use camera_models::{CameraModel, Provenance, StereoCalibration, camera_info};
-use scene_bundle::outputs::rig::{RigCamera, RigImu, RigModel};
+use scene_bundle::outputs::rig::{RigCamera, RigImu, RigModel, RigShoe, RigShoeTag};
 use scene_bundle::outputs::{self, RIG};
 use serde::Serialize;
 use serde_json::{Value, json};
@@ -67,7 +68,7 @@ impl Stage<Input> for RigStage {
     }
 
     fn version(&self) -> u32 {
-        4
+        5
     }
 
     fn inputs(&self) -> &'static [&'static str] {
@@ -213,8 +214,35 @@ pub fn model(
         revision: revision.revision,
         cameras,
         imus,
+        shoes: rig.as_ref().map(shoes).unwrap_or_default(),
     };
     Ok((model, report))
+}
+
+/// Shoes of a rig file, the left one first.
+fn shoes(rig: &Rig) -> Vec<RigShoe> {
+    let of_foot = |foot: Foot| {
+        let tags = rig.shoe_tags().iter().filter(|tag| tag.foot == foot);
+        let sole = rig.soles().iter().find(|sole| sole.foot == foot);
+        RigShoe {
+            foot,
+            outline_m: sole.map(|sole| sole.outline_m.clone()).unwrap_or_default(),
+            outline_sigma_m: sole.and_then(|sole| sole.sigma_m),
+            tags: tags
+                .map(|tag| RigShoeTag {
+                    family: tag.family,
+                    id: tag.id,
+                    size_m: tag.size_m,
+                    size_sigma_m: tag.size_sigma_m,
+                    foot_from_tag: tag.foot_from_tag,
+                    foot_from_tag_covariance: tag.covariance,
+                })
+                .collect(),
+        }
+    };
+    let shoes = Foot::ALL.map(of_foot).into_iter();
+    let is_known = |shoe: &RigShoe| !(shoe.tags.is_empty() && shoe.outline_m.is_empty());
+    shoes.filter(is_known).collect()
 }
 
 /// What the rig is made from.

@@ -10,7 +10,7 @@ use cad_transforms::rig::Rig;
 use camera_models::Lens;
 use feet::Config;
 use feet::shoe::{Shoe, ShoeTag, Side as FootSide};
-use feet::tag_tracker::{Camera, Frame, Sighting, TagTracker};
+use feet::tag_tracker::{Camera, Frame, RigState, Sighting, TagTracker};
 use fiducials::{Motion, Tag};
 use imaging::ImageView;
 use nalgebra::{UnitQuaternion, Vector3, Vector6};
@@ -122,16 +122,19 @@ fn walk(scene: Kind, light: Lighting, seed: u64) -> Result<Row> {
             ImageView::packed(SIZE[0] as usize, SIZE[1] as usize, &grays[k]).expect("whole images")
         });
         let rig_state = simulation.walker().rig(seconds(time_ns));
+        let world_from_rig = transform(&rig_state.position, &rig_state.rotation)?;
         let frame = Frame {
             camera: 0,
             time_ns,
             images: [left, right],
             exposure_s: f64::from(image.exposure.seconds),
-            world_from_rig: transform(&rig_state.position, &rig_state.rotation)?,
-            rig_motion: Motion {
-                linear: rig_state.velocity.into(),
-                angular: (rig_state.rotation * rig_state.angular_rate).into(),
-            },
+            rig: Some(RigState {
+                world_from_rig,
+                motion: Motion {
+                    linear: rig_state.velocity.into(),
+                    angular: (rig_state.rotation * rig_state.angular_rate).into(),
+                },
+            }),
         };
         let begin = Instant::now();
         let sightings = tracker.add(&frame);
@@ -154,7 +157,7 @@ fn walk(scene: Kind, light: Lighting, seed: u64) -> Result<Row> {
             }
             let Some(seen) = seen else { continue };
             row.invented += usize::from(shares[shoe] == [0.0; 2]);
-            let error = error(&simulation, &frame, seen)?;
+            let error = error(&simulation, &world_from_rig, seen)?;
             let sole = sole_error(&shoes[shoe].tags[0], &error);
             row.wrong += usize::from(error.fixed_rows::<3>(3).norm() > 0.05);
             if is_flat {
@@ -209,14 +212,18 @@ fn shoes(simulation: &Simulation) -> Result<Vec<Shoe>> {
 }
 
 /// Error of a sighting as a small motion of the tag in its own axes: rotation, translation.
-fn error(simulation: &Simulation, frame: &Frame<'_>, seen: &Sighting) -> Result<Vector6<f64>> {
+fn error(
+    simulation: &Simulation,
+    world_from_rig: &RigidTransform,
+    seen: &Sighting,
+) -> Result<Vector6<f64>> {
     let wearer = &simulation.scene().wearer;
     let (position, rotation) = wearer.pose(
         Part::Tag(seen.shoe),
         simulation.walker(),
-        seconds(frame.time_ns),
+        seconds(seen.time_ns),
     );
-    let truth = frame.world_from_rig.inverse() * transform(&position, &rotation)?;
+    let truth = world_from_rig.inverse() * transform(&position, &rotation)?;
     let error = truth.inverse() * seen.fit.reference_from_tag;
     let ([a, b, c], [x, y, z]) = (error.rotation_vector(), error.translation_m());
     Ok(Vector6::new(a, b, c, x, y, z))

@@ -109,6 +109,7 @@ pub fn write(draft: &Draft, keyframes: &[Keyframe]) -> Result<(), BundleError> {
 /// #     revision: "B".to_owned(),
 /// #     cameras: vec![camera],
 /// #     imus: Vec::new(),
+/// #     shoes: Vec::new(),
 /// # };
 /// # let keyframe = |frame: u64| -> Result<Keyframe, Box<dyn std::error::Error>> {
 /// #     Ok(Keyframe {

@@ -4,6 +4,7 @@
 
 use std::collections::BTreeSet;
 
+use cad_transforms::rig::{Foot, TagFamily};
 use cad_transforms::{Covariance, RigidTransform};
 use camera_models::{CameraModel, ImuNoise};
 use serde::{Deserialize, Serialize};
@@ -28,6 +29,43 @@ pub struct RigModel {
     pub cameras: Vec<RigCamera>,
     /// Its IMUs.
     pub imus: Vec<RigImu>,
+    /// Shoes of the wearer with tags or a known sole, each foot at most once.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub shoes: Vec<RigShoe>,
+}
+
+/// A shoe of the wearer.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct RigShoe {
+    /// Which foot. Its frame has its origin in the middle of the sole, x to the toe, y to the left, z
+    /// up from the sole.
+    pub foot: Foot,
+    /// Outline of the sole in the frame of the foot, m, counter-clockwise seen from above; empty if
+    /// unknown.
+    pub outline_m: Vec<[f64; 2]>,
+    /// Standard deviation of its vertices, m.
+    pub outline_sigma_m: Option<f64>,
+    /// Its tags.
+    pub tags: Vec<RigShoeTag>,
+}
+
+/// An AprilTag on a shoe.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct RigShoeTag {
+    /// Its family.
+    pub family: TagFamily,
+    /// Its number in the family.
+    pub id: u32,
+    /// Side of the black square, m.
+    pub size_m: f64,
+    /// Standard deviation of that, m.
+    pub size_sigma_m: Option<f64>,
+    /// Takes points in the tag's frame (x right, y down, z into the tag) to the foot's, metres.
+    pub foot_from_tag: RigidTransform,
+    /// Its covariance: of a small motion of the tag in its own axes.
+    pub foot_from_tag_covariance: Option<Covariance>,
 }
 
 /// A stereo camera.
@@ -97,6 +135,10 @@ impl RigModel {
                     camera.line_s, camera.name
                 ));
             }
+        }
+        let feet: BTreeSet<Foot> = self.shoes.iter().map(|shoe| shoe.foot).collect();
+        if feet.len() < self.shoes.len() {
+            return Some("two shoes of one foot".to_owned());
         }
         // A camera's number is a byte in other outputs.
         (cameras.len() > 256).then(|| format!("{} cameras", cameras.len()))

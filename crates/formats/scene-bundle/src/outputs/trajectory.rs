@@ -1,7 +1,7 @@
 //! Outputs `trajectory`, `trajectory-causal` and `trajectory-odom`: `trajectory.npy`, a row per
 //! pose, and `spans.json`, the runs of equal status.
 
-use cad_transforms::{Covariance, RigidTransform};
+use cad_transforms::{Covariance, CovarianceError, RigidTransform};
 use serde::{Deserialize, Serialize};
 
 use super::{read_json, write_json};
@@ -175,7 +175,7 @@ fn pose(mut fields: Fields<'_>) -> Result<Pose, String> {
     let covariance: [f64; 21] = fields.f64();
     let status = fields.u8();
     let (has_velocity, has_covariance) = (fields.bool(), fields.bool());
-    let covariance = has_covariance.then(|| Covariance::from_rows(full(&covariance)));
+    let covariance = has_covariance.then(|| from_upper(&covariance));
     Ok(Pose {
         time_ns,
         world_from_rig: RigidTransform::from_wxyz(rotation, position).map_err(|e| e.to_string())?,
@@ -186,17 +186,18 @@ fn pose(mut fields: Fields<'_>) -> Result<Pose, String> {
 }
 
 /// The upper triangle, rows first.
-fn upper(covariance: &Covariance) -> [f64; 21] {
+pub(super) fn upper(covariance: &Covariance) -> [f64; 21] {
     let rows = covariance.rows();
     let mut places = (0..6).flat_map(|i| (i..6).map(move |j| (i, j)));
     std::array::from_fn(|_| places.next().map_or(f64::NAN, |(i, j)| rows[i][j]))
 }
 
-fn full(upper: &[f64; 21]) -> [[f64; 6]; 6] {
+/// Of an upper triangle, rows first.
+pub(super) fn from_upper(upper: &[f64; 21]) -> Result<Covariance, CovarianceError> {
     let mut rows = [[0.0; 6]; 6];
     let places = (0..6).flat_map(|i| (i..6).map(move |j| (i, j)));
     for ((i, j), value) in places.zip(upper) {
         (rows[i][j], rows[j][i]) = (*value, *value);
     }
-    rows
+    Covariance::from_rows(rows)
 }

@@ -1,16 +1,21 @@
 //! Every output of the format, written and read.
 
+use cad_transforms::rig::Foot;
+use cad_transforms::{Covariance, RigidTransform};
 use camera_models::{CameraModel, Distortion, Eye};
 use scene_bundle::outputs::cloud::CloudPoint;
 use scene_bundle::outputs::depth::{
     DepthImage, DepthView, DepthWriter, SIGMA_UNIT_M, stored_depth, stored_sigma,
 };
+use scene_bundle::outputs::tag_detections::{SecondPose, TagDetection, TagDetectionsWriter};
 use scene_bundle::outputs::trajectory::TrajectoryWriter;
-use scene_bundle::outputs::{self, cloud, depth, keyframes, masks, rig, trajectory};
+use scene_bundle::outputs::{
+    self, cloud, depth, keyframes, masks, rig, tag_detections, trajectory,
+};
 use scene_bundle::verify::verify;
 use scene_bundle::{Bundle, BundleError, Draft};
 
-use crate::sample::{self, Sample};
+use crate::sample::{self, Sample, provenance};
 
 #[test]
 fn all_outputs_read_back_unchanged() {
@@ -263,4 +268,47 @@ fn depth_can_be_written_from_several_threads() {
         draft.commit(record).unwrap().hash
     };
     assert_eq!(written(1), written(4));
+}
+
+fn tag_detection(time_ns: i64, tag: u64) -> TagDetection {
+    let pose = RigidTransform::from_rotation_vector([0.1, 0.2, 0.3], [0.1, 0.2, -1.1]).unwrap();
+    TagDetection {
+        time_ns,
+        frame: 7,
+        camera: 1,
+        foot: if tag == 0 { Foot::Left } else { Foot::Right },
+        tag,
+        rig_from_tag: pose,
+        covariance: Covariance::from_sigmas([1e-3, 2e-3, 3e-3], [0.01, 0.02, 0.03]).unwrap(),
+        visible_share: [1.0, 0.5],
+        rms_levels: 2.5,
+        wrong_bits: 1,
+        second: (tag == 0).then_some(SecondPose {
+            rig_from_tag: pose.inverse(),
+            excess_cost: 4.0,
+        }),
+    }
+}
+
+#[test]
+fn tag_detections_read_back_in_order() {
+    let folder = tempfile::tempdir().unwrap();
+    let bundle = Bundle::create_or_open(&folder.path().join("walk.scene"), provenance()).unwrap();
+    let draft = bundle.begin(outputs::TAG_DETECTIONS).unwrap();
+    let mut writer = TagDetectionsWriter::new(&draft).unwrap();
+    let detections = [(5, 0), (5, 1), (9, 0)].map(|(time_ns, tag)| tag_detection(time_ns, tag));
+    for detection in &detections {
+        writer.push(detection).unwrap();
+    }
+    let error = writer.push(&detections[1]).unwrap_err().to_string();
+    assert!(
+        error.contains("a detection at (5, 1, 1) behind one at (9, 1, 0)"),
+        "{error}"
+    );
+    writer.finish().unwrap();
+    draft
+        .commit(sample::record(outputs::TAG_DETECTIONS))
+        .unwrap();
+    let reader = bundle.scene().output(outputs::TAG_DETECTIONS).unwrap();
+    assert_eq!(tag_detections::read(&reader).unwrap(), detections);
 }

@@ -196,6 +196,7 @@ pub(crate) fn rig_model() -> RigModel {
             }),
             range: Some([17.5, 78.5]),
         }],
+        shoes: Vec::new(),
     }
 }
 

@@ -63,6 +63,7 @@ fn model() -> RigModel {
             noise: None,
             range: Some([32.0, 128.0]),
         }],
+        shoes: Vec::new(),
     }
 }
 

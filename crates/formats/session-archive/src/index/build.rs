@@ -182,6 +182,7 @@ impl Build {
             time_unreliable: frame.time_unreliable,
             host_time_ns: frame.host_time,
             device_ticks: frame.device_ticks,
+            exposure_ns: frame.exposure_ns,
             key,
             segment: m.segment,
             offset: payload_at + unit_at as u64,

@@ -20,6 +20,8 @@ pub struct FrameEntry {
     pub host_time_ns: i64,
     /// Device clock.
     pub device_ticks: i64,
+    /// Exposure where the device reports it, ns.
+    pub exposure_ns: Option<u32>,
     /// Position in [`CameraIndex::frames`] of the key frame that decoding has to start from.
     pub key: u32,
     /// Segment.

@@ -29,6 +29,8 @@ pub struct View {
     pub sigma_ns: u64,
     /// Whether the time is unreliable: its sigma may not hold.
     pub time_unreliable: bool,
+    /// Exposure where the device reports it, ns.
+    pub exposure_ns: Option<u32>,
     /// Left image.
     pub left: Image,
     /// Right image.
@@ -114,6 +116,7 @@ impl FrameReader {
                     time: HostTime(entry.time_ns),
                     sigma_ns: entry.sigma_ns,
                     time_unreliable: entry.time_unreliable,
+                    exposure_ns: entry.exposure_ns,
                     left,
                     right,
                 };

@@ -305,3 +305,21 @@ fn zz_time() {
         println!("{name}: {:.3} ms, other {other}", (cpu() - begin) * 1e-6 / f64::from(n));
     }
 }
+
+#[test]
+fn zz_search() {
+    for name in ["/tmp/w/nasa.raw", "/tmp/w/nasa2.raw"] {
+        let pixels = std::fs::read(name).unwrap();
+        let image = ImageView::packed(672, 376, &pixels).unwrap();
+        let searcher = Searcher::new(Dictionary::AprilTag36h11, &SearchConfig::default());
+        let cpu = || std::fs::read_to_string("/proc/thread-self/schedstat").unwrap().split(' ').next().unwrap().parse::<f64>().unwrap();
+        let begin = cpu();
+        let mut found = 0;
+        for _ in 0..20 { found = searcher.search(&image).len(); }
+        println!("search {:.3} ms, {found}", (cpu() - begin) * 1e-6 / 20.0);
+        let regions = std::hint::black_box(crate::regions::dark(&image, &SearchConfig::default().regions)).len();
+        let begin = cpu();
+        for _ in 0..20 { std::hint::black_box(crate::regions::dark(&image, &SearchConfig::default().regions)); }
+        println!("regions {:.3} ms {regions}", (cpu() - begin) * 1e-6 / 20.0);
+    }
+}
