@@ -57,6 +57,8 @@ config! {
         pub max_gap_s: f64 = 0.35,
         /// Maximum time without a frame between two poses that are one stance if they agree, s.
         pub max_hidden_s: f64 = 0.5,
+        /// Time in which no foot lifts, swings and comes down, s.
+        pub min_swing_s: f64 = 0.2,
         /// Minimum number of frames of a foot at rest.
         pub min_frames: usize = 2,
         /// Distance and rotation from the mean pose of a foot at rest from which on frames do not

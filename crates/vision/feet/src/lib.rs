@@ -9,6 +9,7 @@
 //! than gray ones.
 
 mod config;
+pub mod events;
 mod prediction;
 pub mod shoe;
 pub mod stance;

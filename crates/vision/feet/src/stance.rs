@@ -37,6 +37,17 @@ pub struct Stance {
     pub covariance: Covariance,
 }
 
+impl Stance {
+    /// From the first observation to the last, s.
+    fn duration_s(&self) -> f64 {
+        1e-9 * (self.times_ns[1] - self.times_ns[0]) as f64
+    }
+
+    fn seconds_until(&self, next: &Self) -> f64 {
+        1e-9 * (next.times_ns[0] - self.times_ns[1]) as f64
+    }
+}
+
 /// All stances of a foot, in order of time.
 ///
 /// ```
@@ -73,6 +84,12 @@ pub fn stances(observations: &[FootObservation], config: &StanceConfig) -> Vec<S
                     match self::stance(observations, whole, config) {
                         Some(joint) => *last = joint,
                         None => found.push(stance),
+                    }
+                }
+                // No foot takes a step in between: in the shorter one it comes down or lifts.
+                Some(last) if is_part_of_one_contact(last, &stance, config) => {
+                    if stance.duration_s() > last.duration_s() {
+                        *last = stance;
                     }
                 }
                 _ => found.push(stance),
@@ -203,11 +220,17 @@ fn stance(
 
 /// Whether a foot that was hidden has not moved in between.
 fn is_continued(a: &Stance, b: &Stance, config: &StanceConfig) -> bool {
-    let hidden_s = 1e-9 * (b.times_ns[0] - a.times_ns[1]) as f64;
     let [distance, angle] = sizes(&motion(&a.world_from_foot, &b.world_from_foot));
-    hidden_s < config.max_hidden_s
-        && distance < config.max_deviation_m
-        && angle < config.max_deviation_rad
+    let [sigma_m, sigma_rad] = sigmas(&(a.covariance.matrix() + b.covariance.matrix()));
+    a.seconds_until(b) < config.max_hidden_s
+        && distance < config.max_deviation_m + 2.0 * sigma_m
+        && angle < config.max_deviation_rad + 2.0 * sigma_rad
+}
+
+/// Whether one of two stances is too short, and too near to the other one, to be one of its own.
+fn is_part_of_one_contact(a: &Stance, b: &Stance, config: &StanceConfig) -> bool {
+    let shorter_s = a.duration_s().min(b.duration_s());
+    a.seconds_until(b) < config.min_swing_s && shorter_s < config.min_swing_s
 }
 
 /// Mean pose, and covariance of it by independent errors of the frames. Frames far from it count

@@ -163,7 +163,7 @@ pub fn read(reader: &OutputReader) -> Result<Vec<TagDetection>, BundleError> {
         if detections.last().is_some_and(|last| key(last) >= key(&found)) {
             let found = format!("{:?}", key(&found));
             let expected = "a row behind the one before by time, camera and tag";
-            return Err(malformed(path, format!("row {row}"), found, expected));
+            return Err(malformed(path.clone(), format!("row {row}"), found, expected));
         }
         detections.push(found);
     }
