@@ -8,11 +8,13 @@
 //! the toe, y to the left, z up from the sole. Nothing here knows sessions, files or images other
 //! than gray ones.
 
+pub mod bridge;
 mod config;
 pub mod events;
 mod prediction;
 pub mod shoe;
 pub mod stance;
+pub mod swing;
 pub mod tag_tracker;
 
 pub use config::{
