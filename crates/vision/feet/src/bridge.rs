@@ -198,8 +198,7 @@ mod tests {
 
     #[test]
     fn errors_of_drawn_deviations_are_as_stated() {
-        // A process is drawn at its own steps and conditioned on its end by rejection of none: the
-        // measured part is its own late half.
+        // Of drawn processes the late half is measured, and the early half compared.
         let mut state = 1_u64;
         let mut bell = move || {
             let mut sum = -6.0;

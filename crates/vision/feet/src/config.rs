@@ -44,6 +44,24 @@ config! {
         pub stance: StanceConfig = StanceConfig::default(),
         /// Times of contacts.
         pub events: EventConfig = EventConfig::default(),
+        /// Feet between contacts.
+        pub swing: SwingConfig = SwingConfig::default(),
+    }
+
+    /// Feet between contacts. Axes are those of the step for the position (forward, left, up) and
+    /// those of the foot for the rotation.
+    pub struct SwingConfig {
+        /// Standard deviation of the acceleration relative to the usual motion, m/s² and rad/s².
+        pub acceleration: [f64; 6] = [12.0, 4.0, 8.0, 30.0, 80.0, 30.0],
+        /// Time over which it is correlated, s.
+        pub correlation_s: f64 = 0.06,
+        /// Root mean square jerk of the usual motion, by which errors of its times change the
+        /// acceleration, m/s³ and rad/s³.
+        pub jerk: [f64; 6] = [300.0, 20.0, 150.0, 100.0, 1000.0, 100.0],
+        /// Maximum time from a contact to the next one of the same foot that is one step, s.
+        pub max_swing_s: f64 = 1.5,
+        /// Time to the next frame of the foot up to which its pose is observed, s.
+        pub observed_s: f64 = 0.05,
     }
 
     /// Feet at rest.
@@ -87,5 +105,7 @@ config! {
         pub loading_s: [f64; 2] = [0.07, 0.025],
         /// Time before the strike in which the approach of a foot is used, s.
         pub max_approach_s: f64 = 0.2,
+        /// Maximum speed of an approach, m/s.
+        pub max_speed: f64 = 6.0,
     }
 }

@@ -151,6 +151,8 @@ fn approach(
             let variance = x.max(y).powi(2) + HEEL_SIGMA_M * HEEL_SIGMA_M;
             [seconds(own.time_ns), (at - at_rest).norm(), variance]
         })
+        // No foot is faster: a mismatch.
+        .filter(|[time_s, distance, _]| *distance < 0.05 + config.max_speed * (first_s - time_s))
         .collect();
     frames.reverse();
     frames

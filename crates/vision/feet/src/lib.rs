@@ -16,7 +16,8 @@ pub mod shoe;
 pub mod stance;
 pub mod swing;
 pub mod tag_tracker;
+pub mod track;
 
 pub use config::{
-    Config, EventConfig, GaitConfig, PredictionConfig, SearchConfig, StanceConfig,
+    Config, EventConfig, GaitConfig, PredictionConfig, SearchConfig, StanceConfig, SwingConfig,
 };
