@@ -8,6 +8,7 @@
 //! | `depth` | hand-off, `rig-refined`, `trajectory` | `keyframes`, `depth` |
 //! | `cloud` | hand-off, `rig-refined`, `trajectory`, `keyframes`, `depth` | `cloud`, `masks` |
 //! | `tags` | hand-off, `rig-refined`, `trajectory` | `tag-detections` |
+//! | `feet` | `rig-refined`, `trajectory`, `tag-detections` | `feet`, `contacts` |
 
 use super::{Pipeline, PipelineError, Stage};
 use crate::input::Input;
@@ -18,6 +19,7 @@ pub use preset::Preset;
 mod bundle_adjustment;
 mod cloud;
 mod depth;
+mod feet;
 pub mod frame_set_reader;
 mod keyframe_candidates;
 mod keyframe_spacing;
@@ -29,13 +31,14 @@ pub mod rig;
 mod tags;
 
 /// Names of the stages, in order.
-pub const NAMES: [&str; 6] = [
+pub const NAMES: [&str; 7] = [
     "rig",
     "odometry",
     "bundle-adjustment",
     "depth",
     "cloud",
     "tags",
+    "feet",
 ];
 
 /// Options of the stages.
@@ -69,6 +72,7 @@ pub fn pipeline(options: Options) -> Result<Pipeline<Input>, PipelineError> {
             networks: options.networks,
         }),
         Box::new(tags::TagsStage),
+        Box::new(feet::FeetStage),
     ];
     Pipeline::new(stages, &[HANDOFF])
 }

@@ -5,7 +5,9 @@
 //! is used. `FORMAT.md` has the layouts.
 
 pub mod cloud;
+pub mod contacts;
 pub mod depth;
+pub mod feet;
 pub mod keyframes;
 pub mod masks;
 pub mod rig;
@@ -44,6 +46,10 @@ pub const DEPTH: &str = "depth";
 pub const CLOUD: &str = "cloud";
 /// Tags on the wearer's shoes in the images of the cameras.
 pub const TAG_DETECTIONS: &str = "tag-detections";
+/// Poses of the wearer's feet.
+pub const FEET: &str = "feet";
+/// Contacts of the wearer's feet with the ground.
+pub const CONTACTS: &str = "contacts";
 
 pub(crate) fn write_json(
     draft: &Draft,

@@ -6,7 +6,10 @@ use std::fmt::Write;
 use anyhow::{Context, Result};
 use cad_transforms::rig::Foot;
 use chrono::{DateTime, SecondsFormat};
-use scene_bundle::outputs::{self, cloud, depth, keyframes, rig, tag_detections, trajectory};
+use scene_bundle::outputs::feet::FootStatus;
+use scene_bundle::outputs::{
+    self, cloud, contacts, depth, feet, keyframes, rig, tag_detections, trajectory,
+};
 use scene_bundle::{BundleError, Scene, Status, Trajectory};
 use serde_json::{Value, json};
 
@@ -173,6 +176,23 @@ fn facts_of(scene: &Scene, name: &str) -> Result<Value, BundleError> {
                 "left_foot": counts(Foot::Left),
                 "right_foot": counts(Foot::Right),
             })
+        }
+        outputs::FEET => {
+            let mut of_status: BTreeMap<FootStatus, u64> = BTreeMap::new();
+            let poses = feet::read(&reader)?;
+            for pose in &poses {
+                *of_status.entry(pose.status).or_default() += 1;
+            }
+            let counts = of_status.iter();
+            let counts = counts.map(|(status, count)| format!("{count} {}", status.name()));
+            let statuses = counts.collect::<Vec<_>>().join(", ");
+            json!({ "poses": poses.len(), "statuses": statuses })
+        }
+        outputs::CONTACTS => {
+            let contacts = contacts::read(&reader)?;
+            let left = contacts.iter().filter(|contact| contact.foot == Foot::Left);
+            let left = left.count();
+            json!({ "left_foot": left, "right_foot": contacts.len() - left })
         }
         outputs::CLOUD => json!({ "points": cloud::read(&reader)?.len() }),
         _ => Value::Null,

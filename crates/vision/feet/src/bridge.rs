@@ -75,7 +75,9 @@ pub fn bridge(
     }
     let smoothed = smoothed(&filtered, &predicted);
     let of_time = |time: &f64| {
-        let k = nodes.partition_point(|node| node < time).min(nodes.len() - 1);
+        let k = nodes
+            .partition_point(|node| node < time)
+            .min(nodes.len() - 1);
         [smoothed[k].mean[0], smoothed[k].covariance[(0, 0)].max(0.0)]
     };
     times_s.iter().map(of_time).collect()
@@ -203,7 +205,9 @@ mod tests {
         let mut bell = move || {
             let mut sum = -6.0;
             for _ in 0..12 {
-                state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
+                state = state
+                    .wrapping_mul(6_364_136_223_846_793_005)
+                    .wrapping_add(1);
                 sum += (state >> 11) as f64 / (1_u64 << 53) as f64;
             }
             sum

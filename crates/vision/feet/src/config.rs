@@ -38,6 +38,20 @@ config! {
         pub near_m: f64 = 0.3,
     }
 
+    /// Feet from their tags.
+    pub struct FootConfig {
+        /// Edges of a sole of which no outline is known, from its middle, m.
+        pub heel_m: f64 = 0.14,
+        /// See `heel_m`.
+        pub toe_m: f64 = 0.14,
+        /// Standard deviation of the tilt of a sole, for the choice between the two poses of a tag
+        /// that images hardly tell apart, rad.
+        pub level_sigma_rad: f64 = 0.2,
+        /// Excess of the cost of a second pose that is as improbable as one standard deviation of
+        /// that tilt: neighboring pixels share their errors.
+        pub excess_per_square: f64 = 10.0,
+    }
+
     /// Configuration of contacts and swings.
     pub struct GaitConfig {
         /// Feet at rest.

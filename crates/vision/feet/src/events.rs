@@ -253,10 +253,7 @@ fn lift(
     let is_seen = moving_s - last_s < config.max_approach_s;
     let [lift_share, lift_sigma] = HEEL_LIFT_SHARE;
     let expected = match stride_s {
-        Some(stride_s) => (
-            strike.time_s + lift_share * stride_s,
-            lift_sigma * stride_s,
-        ),
+        Some(stride_s) => (strike.time_s + lift_share * stride_s, lift_sigma * stride_s),
         None => (0.5 * (last_s + toe_off.0), UNKNOWN_LIFT_S[1]),
     };
     let heel_off = behind(expected, last_s, toe_off.0.min(moving_s));
@@ -270,7 +267,9 @@ fn lift(
 
 /// A normally distributed time between two limits: mean and standard deviation.
 fn behind((time_s, sigma_s): (f64, f64), from_s: f64, to_s: f64) -> (f64, f64) {
-    let to_s = to_s.max(from_s + STEP_S).min(time_s.max(from_s) + 5.0 * sigma_s);
+    let to_s = to_s
+        .max(from_s + STEP_S)
+        .min(time_s.max(from_s) + 5.0 * sigma_s);
     let count = ((to_s - from_s) / STEP_S).ceil().clamp(2.0, 4000.0);
     let step_s = (to_s - from_s) / count;
     let times: Vec<f64> = (0..count as usize)

@@ -19,5 +19,6 @@ pub mod tag_tracker;
 pub mod track;
 
 pub use config::{
-    Config, EventConfig, GaitConfig, PredictionConfig, SearchConfig, StanceConfig, SwingConfig,
+    Config, EventConfig, FootConfig, GaitConfig, PredictionConfig, SearchConfig, StanceConfig,
+    SwingConfig,
 };

@@ -262,7 +262,10 @@ fn mean(run: &[FootObservation], config: &StanceConfig) -> (RigidTransform, Matr
         };
         pose = pose * step;
     }
-    (pose, information.try_inverse().unwrap_or_else(Matrix6::identity))
+    (
+        pose,
+        information.try_inverse().unwrap_or_else(Matrix6::identity),
+    )
 }
 
 /// Motion from a pose to another in the axes of the first: translation, rotation.

@@ -200,7 +200,11 @@ mod tests {
                 let step = (pose.translation() - last.translation()).norm();
                 assert!(step < 0.006, "{x} {z} {time_s}: {step}");
                 last = pose;
-                let between = if x > 0.0 { pose.translation().x / x } else { 0.0 };
+                let between = if x > 0.0 {
+                    pose.translation().x / x
+                } else {
+                    0.0
+                };
                 let ground = z * between.clamp(0.0, 1.0);
                 for edge in [SOLE.toe_m, -SOLE.heel_m] {
                     lowest = lowest.min(pose.apply([edge, 0.0, 0.0])[2] - ground);

@@ -272,20 +272,20 @@ impl TagTracker {
 
 /// Motion of a tag in the rig.
 fn motion_in_rig(
-        rig: &RigState,
-        world_from_foot: &RigidTransform,
-        shoe_tag: &ShoeTag,
-        velocity: &Motion,
-    ) -> Motion {
-        let tag = *world_from_foot * shoe_tag.foot_from_tag;
-        let from_foot = tag.translation() - world_from_foot.translation();
-        let from_rig = tag.translation() - rig.world_from_rig.translation();
-        let [foot_rate, rig_rate] = [velocity.angular, rig.motion.angular].map(Vector3::from);
-        let of_foot = Vector3::from(velocity.linear) + foot_rate.cross(&from_foot);
-        let of_rig = Vector3::from(rig.motion.linear) + rig_rate.cross(&from_rig);
-        let back = rig.world_from_rig.rotation().inverse();
-        Motion {
-            linear: (back * (of_foot - of_rig)).into(),
-            angular: (back * (foot_rate - rig_rate)).into(),
-        }
+    rig: &RigState,
+    world_from_foot: &RigidTransform,
+    shoe_tag: &ShoeTag,
+    velocity: &Motion,
+) -> Motion {
+    let tag = *world_from_foot * shoe_tag.foot_from_tag;
+    let from_foot = tag.translation() - world_from_foot.translation();
+    let from_rig = tag.translation() - rig.world_from_rig.translation();
+    let [foot_rate, rig_rate] = [velocity.angular, rig.motion.angular].map(Vector3::from);
+    let of_foot = Vector3::from(velocity.linear) + foot_rate.cross(&from_foot);
+    let of_rig = Vector3::from(rig.motion.linear) + rig_rate.cross(&from_rig);
+    let back = rig.world_from_rig.rotation().inverse();
+    Motion {
+        linear: (back * (of_foot - of_rig)).into(),
+        angular: (back * (foot_rate - rig_rate)).into(),
     }
+}

@@ -88,7 +88,12 @@ pub fn foot_poses(foot: &KnownFoot<'_>, times_ns: &[i64], config: &SwingConfig) 
         }
         let between = until(rest_s(after)[0], next);
         next = between.end;
-        poses.extend(swing_poses(foot, [contact, after], &times_ns[between], config));
+        poses.extend(swing_poses(
+            foot,
+            [contact, after],
+            &times_ns[between],
+            config,
+        ));
     }
     lost_poses(&mut poses, times_ns, next..times_ns.len(), &last);
     poses
@@ -146,11 +151,14 @@ fn swing_poses(
     // A step that is late is elsewhere: where events are uncertain, all of it is.
     let late_s = from.toe_off.sigma_s.hypot(to.heel_strike.sigma_s);
     let by_axis = [0, 1, 2, 3, 4, 5].map(|axis| {
-        let measurements = seen.iter().zip(&deviations).map(|(own, deviation)| Measurement {
-            time_s: seconds(own.time_ns),
-            value: deviation.value[axis],
-            variance: deviation.variance[axis],
-        });
+        let measurements = seen
+            .iter()
+            .zip(&deviations)
+            .map(|(own, deviation)| Measurement {
+                time_s: seconds(own.time_ns),
+                value: deviation.value[axis],
+                variance: deviation.variance[axis],
+            });
         let measurements: Vec<Measurement> = measurements.collect();
         let by_time = config.jerk[axis] * late_s;
         let process = Process {
@@ -168,11 +176,12 @@ fn swing_poses(
         let rotation = mean.rotation() * UnitQuaternion::from_scaled_axis(Vector3::new(a, b, c));
         let world_from_foot = pose(&rotation, &at)?;
         let share = (times_s[n] - from_s) / (to_s - from_s).max(1e-3);
-        let ends = from.stance.covariance.matrix() * (1.0 - share)
-            + to.stance.covariance.matrix() * share;
+        let ends =
+            from.stance.covariance.matrix() * (1.0 - share) + to.stance.covariance.matrix() * share;
         // The deviations are along the axes of the step, the covariance along those of the foot.
         let foot_from_step = (rotation.inverse() * usual.axes()).to_rotation_matrix();
-        let positions = Matrix3::from_diagonal(&Vector3::new(variance[0], variance[1], variance[2]));
+        let positions =
+            Matrix3::from_diagonal(&Vector3::new(variance[0], variance[1], variance[2]));
         let positions = foot_from_step * positions * foot_from_step.transpose();
         let mut covariance: Matrix6<f64> = ends;
         for i in 0..3 {

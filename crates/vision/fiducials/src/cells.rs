@@ -47,7 +47,10 @@ impl Cells {
                 let place = v / tag.cell_m() + tag.half_cells();
                 place - place.floor() - 0.5
             });
-            let weight = from_middle.map(|v| (1.0 - 4.0 * v * v).powi(2)).iter().product::<f64>();
+            let weight = from_middle
+                .map(|v| (1.0 - 4.0 * v * v).powi(2))
+                .iter()
+                .product::<f64>();
             sums[cell][0] += weight * (found - expected);
             sums[cell][1] += weight;
         });

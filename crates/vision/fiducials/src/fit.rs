@@ -290,9 +290,7 @@ impl<'a> Fitter<'a> {
             let eye = patterned.patch.eye;
             let window = self.windows.iter().find(|own| own.eye == eye)?;
             let tone = levels.tone(state.tone);
-            let light = |point: &PlanePoint| {
-                patterned.pattern(tag, point.at, state.log_blur).value
-            };
+            let light = |point: &PlanePoint| patterned.pattern(tag, point.at, state.log_blur).value;
             let light = (light, patterned.blur.own_share());
             let cells = Cells::new(window, tag, pose, motion, (levels, &tone), light);
             visible_share[eye] = cells.visible_share();

@@ -278,14 +278,18 @@ impl<'a> Problem<'a> {
         let limit = self.config.robust_ratio;
         let by_limit = (1.0 / (noise * limit)) as f32;
         let of_batch = |batch: &Batch| {
-            let excess = batch.residuals.map(|residual| robust_excess(residual * by_limit));
+            let excess = batch
+                .residuals
+                .map(|residual| robust_excess(residual * by_limit));
             // The sum of the logarithms; gray levels keep the product finite.
             libm::log(excess.into_iter().map(f64::from).product())
         };
         let batches = evaluation.patches.iter().flat_map(|patch| &patch.batches);
         let of_pixels: f64 = batches.map(of_batch).sum();
         let priors = evaluation.priors.iter();
-        let of_priors: f64 = priors.map(|(_, deviation, sigma)| (deviation / sigma).powi(2)).sum();
+        let of_priors: f64 = priors
+            .map(|(_, deviation, sigma)| (deviation / sigma).powi(2))
+            .sum();
         limit * limit * of_pixels + of_priors
     }
 

@@ -106,9 +106,8 @@ impl<'a> Window<'a> {
         let Some((from, size)) = window(&self.view, tag, pose, MIN_MARGIN_PX) else {
             return true;
         };
-        let is_inside = |k: usize| {
-            self.from[k] <= from[k] && from[k] + size[k] <= self.from[k] + self.size[k]
-        };
+        let is_inside =
+            |k: usize| self.from[k] <= from[k] && from[k] + size[k] <= self.from[k] + self.size[k];
         is_inside(0) && is_inside(1)
     }
 

@@ -68,7 +68,11 @@ impl Template {
         let at = row * self.side + column;
         let top = &self.texels[at..][..2];
         let bottom = &self.texels[at + self.side..][..2];
-        let texel = mix(&mix(&top[0], &top[1], s), &mix(&bottom[0], &bottom[1], s), t);
+        let texel = mix(
+            &mix(&top[0], &top[1], s),
+            &mix(&bottom[0], &bottom[1], s),
+            t,
+        );
         let [value, x, y, by_log_blur] = texel.map(f64::from);
         PatternSample {
             value,

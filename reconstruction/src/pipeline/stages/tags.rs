@@ -122,7 +122,9 @@ impl Tracked<'_> {
                     }
                 }
             }
-            losses.drain(..).for_each(|loss| work.record_loss_from(&loss));
+            losses
+                .drain(..)
+                .for_each(|loss| work.record_loss_from(&loss));
             let times = next.iter().enumerate();
             let times = times.filter_map(|(k, view)| Some((view.as_ref()?.time.ns(), k)));
             let Some((_, k)) = times.min() else { break };
@@ -140,7 +142,9 @@ impl Tracked<'_> {
             work.progress(done, all);
         }
         let share = 100.0 * seen as f64 / done.max(1) as f64;
-        work.note(format!("{share:.0} % of {done} frames show a tag of a shoe"));
+        work.note(format!(
+            "{share:.0} % of {done} frames show a tag of a shoe"
+        ));
         if seen == 0 {
             work.record_loss(format!(
                 "none of {done} frames shows a tag of a shoe: check numbers, size and family of \
@@ -153,7 +157,8 @@ impl Tracked<'_> {
     fn frame<'a>(&self, camera: usize, view: &'a View) -> Frame<'a> {
         let luma = |image: &'a session_input::Image| {
             let (width, height) = (image.width as usize, image.height as usize);
-            ImageView::new(width, height, width, &image.data).expect("a decoded luma image is whole")
+            ImageView::new(width, height, width, &image.data)
+                .expect("a decoded luma image is whole")
         };
         Frame {
             camera,

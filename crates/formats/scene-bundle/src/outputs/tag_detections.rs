@@ -160,10 +160,18 @@ pub fn read(reader: &OutputReader) -> Result<Vec<TagDetection>, BundleError> {
         let found = detection(fields).map_err(|(found, expected)| {
             malformed(path.clone(), format!("row {row}"), found, expected)
         })?;
-        if detections.last().is_some_and(|last| key(last) >= key(&found)) {
+        if detections
+            .last()
+            .is_some_and(|last| key(last) >= key(&found))
+        {
             let found = format!("{:?}", key(&found));
             let expected = "a row behind the one before by time, camera and tag";
-            return Err(malformed(path.clone(), format!("row {row}"), found, expected));
+            return Err(malformed(
+                path.clone(),
+                format!("row {row}"),
+                found,
+                expected,
+            ));
         }
         detections.push(found);
     }

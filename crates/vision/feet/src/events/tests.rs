@@ -81,7 +81,16 @@ fn errors(rate_hz: f64, noise_m: f64) -> [Vec<[f64; 2]>; 2] {
                     let error = event.time_s - truth;
                     errors.push([error, error / event.sigma_s]);
                 }
-                assert!(contact.heel_strike.is_seen && !contact.toe_off.is_seen, "{:?} of {}: {contact:?} {:?}", strike_s, contacts.len(), found[side].iter().map(|s| (s.times_ns, s.observations.clone())).collect::<Vec<_>>());
+                assert!(
+                    contact.heel_strike.is_seen && !contact.toe_off.is_seen,
+                    "{:?} of {}: {contact:?} {:?}",
+                    strike_s,
+                    contacts.len(),
+                    found[side]
+                        .iter()
+                        .map(|s| (s.times_ns, s.observations.clone()))
+                        .collect::<Vec<_>>()
+                );
                 let order = [
                     contact.heel_strike,
                     contact.foot_flat,
@@ -109,7 +118,11 @@ fn heel_strikes_are_found_between_frames() {
         let found = p95(&strikes);
         assert!(found < limit_s, "{rate_hz} Hz: {found}");
         let outside = strikes.iter().filter(|error| error[1].abs() > 3.0).count();
-        assert!(outside * 50 < strikes.len(), "{outside} of {}", strikes.len());
+        assert!(
+            outside * 50 < strikes.len(),
+            "{outside} of {}",
+            strikes.len()
+        );
     }
 }
 

@@ -90,11 +90,9 @@ fn covariance_of_a_stance_is_that_of_its_errors() {
             .iter()
             .enumerate()
         {
-            let truth = RigidTransform::from_rotation_vector(
-                [0.0, 0.0, 0.02],
-                [1.4 * k as f64, 0.1, 0.0],
-            )
-            .unwrap();
+            let truth =
+                RigidTransform::from_rotation_vector([0.0, 0.0, 0.02], [1.4 * k as f64, 0.1, 0.0])
+                    .unwrap();
             let error = motion(&truth, &stance.world_from_foot);
             squares += error.component_mul(&error);
             sigmas += stance.covariance.matrix().diagonal();
@@ -102,7 +100,11 @@ fn covariance_of_a_stance_is_that_of_its_errors() {
         }
     }
     let shared = config().shared_sigma;
-    for (k, shared) in [0, 0, 1, 2, 2, 3].map(|k: usize| shared[k]).iter().enumerate() {
+    for (k, shared) in [0, 0, 1, 2, 2, 3]
+        .map(|k: usize| shared[k])
+        .iter()
+        .enumerate()
+    {
         let random = (sigmas[k] / count - shared * shared).sqrt();
         let rms = (squares[k] / count).sqrt();
         assert!((0.7..1.4).contains(&(rms / random)), "{k}: {rms} {random}");

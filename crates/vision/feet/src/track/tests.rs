@@ -24,18 +24,20 @@ fn truth(t: f64) -> RigidTransform {
         0.4..0.65 => -0.8 * rise(0.4, 0.65).powi(2),
         _ => -0.8 + 1.2 * share,
     };
-    let edge = if since < 0.3 { -SOLE.heel_m } else { SOLE.toe_m };
+    let edge = if since < 0.3 {
+        -SOLE.heel_m
+    } else {
+        SOLE.toe_m
+    };
     let toe_end = SOLE.toe_m - 0.28 * (1.0 - libm::cos(0.4)) - SOLE.toe_m;
-    let height = 0.06 * libm::sin(std::f64::consts::PI * share) + 0.28 * libm::sin(0.4) * share.powi(3);
+    let height =
+        0.06 * libm::sin(std::f64::consts::PI * share) + 0.28 * libm::sin(0.4) * share.powi(3);
     let x = 1.4 * stride + edge + (1.4 + toe_end) * along * f64::from(u8::from(since > 0.3));
     let turn = RigidTransform::from_rotation_vector([0.0, -pitch, 0.0], [0.0; 3]).unwrap();
     let middle = turn.apply([edge, 0.0, 0.0]);
     let z = if since > 0.65 { height } else { 0.0 };
-    RigidTransform::from_rotation_vector(
-        [0.0, -pitch, 0.0],
-        [x - middle[0], 0.1, z - middle[2]],
-    )
-    .unwrap()
+    RigidTransform::from_rotation_vector([0.0, -pitch, 0.0], [x - middle[0], 0.1, z - middle[2]])
+        .unwrap()
 }
 
 fn is_visible(t: f64) -> bool {
@@ -48,7 +50,9 @@ fn seen(rate_hz: f64) -> Vec<FootObservation> {
     let mut bell = move || {
         let mut sum = -6.0;
         for _ in 0..12 {
-            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
+            state = state
+                .wrapping_mul(6_364_136_223_846_793_005)
+                .wrapping_add(1);
             sum += (state >> 11) as f64 / (1_u64 << 53) as f64;
         }
         sum
@@ -97,7 +101,11 @@ fn hidden_swings_are_bridged_with_honest_covariance() {
     for pose in &poses {
         let t = 1e-9 * pose.time_ns as f64;
         let error = motion(&truth(t), &pose.world_from_foot);
-        let covariance = pose.covariance.expect("between contacts").matrix().to_owned();
+        let covariance = pose
+            .covariance
+            .expect("between contacts")
+            .matrix()
+            .to_owned();
         match pose.status {
             FootStatus::Observed => {
                 let size = error.fixed_rows::<3>(0).norm();

@@ -289,20 +289,47 @@ fn search_starts_the_fit() {
 fn zz_time() {
     for (name, imaging, motion) in [
         ("clean", CLEAN, STILL),
-        ("rolling", Imaging { line_s: ROLLING_S, ..CLEAN }, STILL),
-        ("blur", Imaging { line_s: ROLLING_S, exposure_s: 0.008, noise: 2.0, ..CLEAN }, WALKING),
+        (
+            "rolling",
+            Imaging {
+                line_s: ROLLING_S,
+                ..CLEAN
+            },
+            STILL,
+        ),
+        (
+            "blur",
+            Imaging {
+                line_s: ROLLING_S,
+                exposure_s: 0.008,
+                noise: 2.0,
+                ..CLEAN
+            },
+            WALKING,
+        ),
         ("dirt", Imaging { dirt: 0.1, ..CLEAN }, STILL),
     ] {
         let mut draw = Draw(7);
         let scene = Scene::new(0.3, 2, imaging, motion, &mut draw);
         let n: u32 = std::env::var("ZZ_N").map_or(60, |v| v.parse().unwrap());
-        let cpu = || std::fs::read_to_string("/proc/thread-self/schedstat").unwrap().split(' ').next().unwrap().parse::<f64>().unwrap();
+        let cpu = || {
+            std::fs::read_to_string("/proc/thread-self/schedstat")
+                .unwrap()
+                .split(' ')
+                .next()
+                .unwrap()
+                .parse::<f64>()
+                .unwrap()
+        };
         let begin = cpu();
         let mut other = 0;
         for _ in 0..n {
             other += usize::from(scene.fit(&mut draw).expect("a fit").other.is_some());
         }
-        println!("{name}: {:.3} ms, other {other}", (cpu() - begin) * 1e-6 / f64::from(n));
+        println!(
+            "{name}: {:.3} ms, other {other}",
+            (cpu() - begin) * 1e-6 / f64::from(n)
+        );
     }
 }
 
@@ -312,14 +339,33 @@ fn zz_search() {
         let pixels = std::fs::read(name).unwrap();
         let image = ImageView::packed(672, 376, &pixels).unwrap();
         let searcher = Searcher::new(Dictionary::AprilTag36h11, &SearchConfig::default());
-        let cpu = || std::fs::read_to_string("/proc/thread-self/schedstat").unwrap().split(' ').next().unwrap().parse::<f64>().unwrap();
+        let cpu = || {
+            std::fs::read_to_string("/proc/thread-self/schedstat")
+                .unwrap()
+                .split(' ')
+                .next()
+                .unwrap()
+                .parse::<f64>()
+                .unwrap()
+        };
         let begin = cpu();
         let mut found = 0;
-        for _ in 0..20 { found = searcher.search(&image).len(); }
+        for _ in 0..20 {
+            found = searcher.search(&image).len();
+        }
         println!("search {:.3} ms, {found}", (cpu() - begin) * 1e-6 / 20.0);
-        let regions = std::hint::black_box(crate::regions::dark(&image, &SearchConfig::default().regions)).len();
+        let regions = std::hint::black_box(crate::regions::dark(
+            &image,
+            &SearchConfig::default().regions,
+        ))
+        .len();
         let begin = cpu();
-        for _ in 0..20 { std::hint::black_box(crate::regions::dark(&image, &SearchConfig::default().regions)); }
+        for _ in 0..20 {
+            std::hint::black_box(crate::regions::dark(
+                &image,
+                &SearchConfig::default().regions,
+            ));
+        }
         println!("regions {:.3} ms {regions}", (cpu() - begin) * 1e-6 / 20.0);
     }
 }
