@@ -1,6 +1,8 @@
 //! `feet`: shoe tags, contacts and swings on simulated walks.
 //!
 //! - [`tags`]: sightings of shoe tags against the truth.
+//! - [`gait`]: contacts, their times, and hidden swings, from these sightings and true poses of the
+//!   rig.
 
 use anyhow::Result;
 use serde_json::json;
@@ -9,6 +11,7 @@ use crate::arguments::Arguments;
 use crate::odometry::results;
 use crate::stamp;
 
+mod gait;
 mod tags;
 
 /// Runs the benchmark: `[--quick] [--out DIR]`.

@@ -11,6 +11,7 @@
 pub mod bridge;
 mod config;
 pub mod events;
+pub mod observation;
 mod prediction;
 pub mod shoe;
 pub mod stance;

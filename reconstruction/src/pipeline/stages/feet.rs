@@ -7,13 +7,12 @@
 //! throughout.
 
 use ::feet::events::{Contact, Event, SeenFoot, contacts};
+use ::feet::observation::{TagPose, foot_observation, surest};
 use ::feet::stance::{FootObservation, Stance, stances};
 use ::feet::swing::SoleEdges;
 use ::feet::track::{self, KnownFoot, foot_poses};
 use ::feet::{FootConfig, GaitConfig};
-use cad_transforms::RigidTransform;
 use cad_transforms::rig::Foot;
-use nalgebra::Vector3;
 use scene_bundle::outputs::contacts::{ContactEvent, FootContact};
 use scene_bundle::outputs::feet::{FootPose, FootStatus};
 use scene_bundle::outputs::rig::{RigModel, RigShoe};
@@ -130,7 +129,7 @@ fn edges(shoe: Option<&RigShoe>) -> SoleEdges {
     }
 }
 
-/// Poses of a foot in the world by its tags, at most one for each time: the surest.
+/// Poses of a foot in the world by its tags, where the pose of the rig is known.
 fn observations(
     foot: Foot,
     rig: &RigModel,
@@ -138,50 +137,25 @@ fn observations(
     detections: &[TagDetection],
 ) -> Vec<FootObservation> {
     let own = detections.iter().filter(|detection| detection.foot == foot);
-    let mut observations: Vec<FootObservation> = Vec::new();
-    for observation in own.filter_map(|detection| observation(rig, trajectory, detection)) {
-        match observations.last_mut() {
-            Some(last) if last.time_ns == observation.time_ns => {
-                let sigma = |own: &FootObservation| own.covariance.matrix().trace();
-                if sigma(&observation) < sigma(last) {
-                    *last = observation;
-                }
-            }
-            _ => observations.push(observation),
-        }
-    }
-    observations
-}
-
-fn observation(
-    rig: &RigModel,
-    trajectory: &Trajectory,
-    detection: &TagDetection,
-) -> Option<FootObservation> {
-    let tags = &shoe(rig, detection.foot)?.tags;
-    let tag = tags.iter().find(|tag| u64::from(tag.id) == detection.tag)?;
-    let world_from_rig = pose_at(trajectory, detection.time_ns)?;
-    let tag_from_foot = tag.foot_from_tag.inverse();
-    let world_from_foot =
-        |rig_from_tag: &RigidTransform| world_from_rig * *rig_from_tag * tag_from_foot;
-    let config = FootConfig::default();
-    let cost = |pose: &RigidTransform, excess: f64| {
-        let up = pose.rotation() * Vector3::z();
-        let tilt = libm::acos(up.z.clamp(-1.0, 1.0));
-        (tilt / config.level_sigma_rad).powi(2) + excess / config.excess_per_square
-    };
-    let mut pose = world_from_foot(&detection.rig_from_tag);
-    if let Some(second) = &detection.second {
-        let other = world_from_foot(&second.rig_from_tag);
-        if cost(&other, f64::from(second.excess_cost)) < cost(&pose, 0.0) {
-            pose = other;
-        }
-    }
-    Some(FootObservation {
-        time_ns: detection.time_ns,
-        world_from_foot: pose,
-        covariance: detection.covariance.moved(&tag.foot_from_tag),
-    })
+    surest(own.filter_map(|detection| {
+        let mut tags = shoe(rig, foot)?.tags.iter();
+        let tag = tags.find(|tag| u64::from(tag.id) == detection.tag)?;
+        let world_from_rig = pose_at(trajectory, detection.time_ns)?;
+        let seen = TagPose {
+            rig_from_tag: detection.rig_from_tag,
+            covariance: detection.covariance,
+            second: (detection.second).map(|own| (own.rig_from_tag, f64::from(own.excess_cost))),
+        };
+        let (time_ns, place) = (detection.time_ns, &tag.foot_from_tag);
+        let config = FootConfig::default();
+        Some(foot_observation(
+            time_ns,
+            &world_from_rig,
+            &seen,
+            place,
+            &config,
+        ))
+    }))
 }
 
 fn foot_pose(foot: Foot, rig: &Pose, pose: &track::FootPose) -> FootPose {

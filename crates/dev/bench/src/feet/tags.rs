@@ -21,6 +21,8 @@ use rig_sim::simulation::{FrameSource as _, Settings, Simulation, seconds};
 use rig_sim::walker::{Phase, Side};
 use serde::Serialize;
 
+use super::gait;
+
 const EXAMPLE_RIG: &str = include_str!("../../../../../cad-transforms/rigs/example.toml");
 /// Walks: scene, light, seed.
 const WALKS: [(Kind, Lighting, u64); 6] = [
@@ -64,6 +66,8 @@ pub(super) struct Row {
     within_three_sigmas: f64,
     /// Mean time per stereo frame, ms.
     ms: f64,
+    /// Contacts and swings from these sightings.
+    gait: gait::Row,
 }
 
 /// All walks.
@@ -112,6 +116,7 @@ fn walk(scene: Kind, light: Lighting, seed: u64) -> Result<Row> {
         frames: settings.frame_count() as usize,
         ..Row::default()
     };
+    let mut observed = [Vec::new(), Vec::new()];
     let (mut squares, mut nees, mut flat, mut soles, mut within) =
         (Vector6::<f64>::zeros(), 0.0, 0, Vec::new(), 0);
     for number in 0..settings.frame_count() {
@@ -145,6 +150,10 @@ fn walk(scene: Kind, light: Lighting, seed: u64) -> Result<Row> {
             for tag in ground_truth.tags(eye, &truth) {
                 shares[tag.id][eye] = tag.visible_share;
             }
+        }
+        for seen in &sightings {
+            let foot_from_tag = &shoes[seen.shoe].tags[seen.tag].foot_from_tag;
+            observed[seen.shoe].push(gait::observation(&world_from_rig, seen, foot_from_tag)?);
         }
         for (shoe, side) in [Side::Left, Side::Right].into_iter().enumerate() {
             let is_flat = simulation.walker().foot(side, seconds(time_ns)).phase == Phase::Flat;
@@ -184,10 +193,14 @@ fn walk(scene: Kind, light: Lighting, seed: u64) -> Result<Row> {
         .get(soles.len() * 95 / 100)
         .copied()
         .unwrap_or(f64::NAN);
+    row.gait = gait::errors(&simulation, &observed);
     Ok(row)
 }
 
-fn transform(position: &Vector3<f64>, rotation: &UnitQuaternion<f64>) -> Result<RigidTransform> {
+pub(super) fn transform(
+    position: &Vector3<f64>,
+    rotation: &UnitQuaternion<f64>,
+) -> Result<RigidTransform> {
     let q = rotation;
     let wxyz = [q.w, q.i, q.j, q.k];
     Ok(RigidTransform::from_wxyz(wxyz, (*position).into())?)
