@@ -16,12 +16,10 @@ pub(crate) fn blocks_at_surfaces(config: &FusionConfig, frame: &Frame<'_>) -> Ve
     let rows: Vec<Vec<u64>> = frame
         .cells
         .par_chunks(columns * 4)
-        .enumerate()
-        .map(|(chunk, cells)| {
+        .map(|cells| {
             let mut recent = Recent::new();
-            for (i, cell) in cells.iter().enumerate() {
-                let at = [i % columns, chunk * 4 + i / columns];
-                add_cell(config, frame, at, cell, &mut recent);
+            for cell in cells {
+                add_cell(config, frame, cell, &mut recent);
             }
             recent.keys
         })
@@ -59,7 +57,6 @@ impl Recent {
 fn add_cell(
     config: &FusionConfig,
     frame: &Frame<'_>,
-    at: [usize; 2],
     cell: &Cell,
     recent: &mut Recent,
 ) {
@@ -69,20 +66,17 @@ fn add_cell(
     let view = frame.view;
     let side = frame.cell_px;
     let depth = 1.0 / cell.inverse;
-    // The surface pixel with the largest sigma determines the truncation.
-    let mut sigma = 0.0f32;
-    for v in at[1] * side..((at[1] + 1) * side).min(view.size[1]) {
-        for u in at[0] * side..((at[0] + 1) * side).min(view.size[0]) {
-            let pixel = &frame.pixels[v * view.size[0] + u];
-            if pixel.weight > 0.0 {
-                sigma = sigma.max(pixel.sigma);
-            }
-        }
-    }
-    if sigma == 0.0 {
+    let [u, v] = [0, 1].map(|k| (f64::from(cell.at[k]) - view.center_px[k]) / view.focal_px[k]);
+    let n = cell.normal.map(f64::from);
+    let cos = -(n[0] * u + n[1] * v + n[2]);
+    let is_shallow = cos < config.min_incidence_cos * (1.0 + u * u + v * v).sqrt();
+    let along = f64::from(cell.sigma) * cos;
+    let floor = 0.25 * config.unit_sigma_m * config.unit_sigma_m;
+    let sigma = (along * along + view.pose_sigma_m * view.pose_sigma_m + floor).sqrt();
+    if is_shallow || sigma > config.max_sigma_m || f64::from(depth) > config.max_depth_m {
         return;
     }
-    let [front, back] = truncation(config, f64::from(sigma));
+    let [front, back] = truncation(config, sigma);
     let normal = view.world_from_view.rotate(cell.normal.map(f64::from));
     let block_m = config.voxel_m * EDGE as f64;
     // A cell that is larger than some voxels on the surface needs its corners as well.
@@ -103,6 +97,7 @@ fn add_cell(
     };
     let steps = ((front + back) / (0.5 * block_m)).ceil().max(1.0);
     let margin = 1.5 * config.voxel_m;
+    let blocks_per_m = 1.0 / block_m;
     for [right, down] in corners {
         let (du, dv) = (half * right, half * down);
         let inverse = cell.inverse + a * du + b * dv;
@@ -114,7 +109,7 @@ fn add_cell(
         for step in 0..=steps as usize {
             let s = (front + back) * step as f64 / steps - back;
             let center = [0, 1, 2].map(|k| x[k] + s * normal[k]);
-            let block = |offset: f64| center.map(|c| ((c + offset) / block_m).floor() as i32);
+            let block = |offset: f64| center.map(|c| floor_i32((c + offset) * blocks_per_m));
             let (from, to) = (block(-margin), block(margin));
             if from.iter().chain(&to).any(|k| k.abs() > MAX_COORDINATE) {
                 continue;
@@ -128,6 +123,12 @@ fn add_cell(
             }
         }
     }
+}
+
+/// Truncation towards zero is an instruction, `floor` a call on older processors.
+fn floor_i32(x: f64) -> i32 {
+    let truncated = x as i32;
+    truncated - i32::from(x < f64::from(truncated))
 }
 
 /// Distances in front of a surface and behind it up to which voxels are updated, m.

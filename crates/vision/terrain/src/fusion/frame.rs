@@ -167,7 +167,9 @@ impl<'a> Frame<'a> {
         for j in row.saturating_sub(1)..(row + 2).min(rows) {
             for i in column.saturating_sub(1)..(column + 2).min(columns) {
                 let other = &self.cells[j * columns + i];
-                if other.count == 0 || (1.0 / other.inverse - depth).abs() > max_step {
+                // The difference of depths, by the product with the other's inverse.
+                let differs = (1.0 - depth * other.inverse).abs() > max_step * other.inverse;
+                if other.count == 0 || differs {
                     continue;
                 }
                 let n = f64::from(other.count);
@@ -183,8 +185,9 @@ impl<'a> Frame<'a> {
                 }
             }
         }
-        let [u, v, q] = mean.map(|sum| sum / count);
-        let [uu, uv, vv, uq, vq] = second.map(|sum| sum / count);
+        let share = 1.0 / count;
+        let [u, v, q] = mean.map(|sum| sum * share);
+        let [uu, uv, vv, uq, vq] = second.map(|sum| sum * share);
         let (uu, uv, vv) = (uu - u * u, uv - u * v, vv - v * v);
         let (uq, vq) = (uq - u * q, vq - v * q);
         let determinant = uu * vv - uv * uv;
@@ -193,8 +196,9 @@ impl<'a> Frame<'a> {
         if determinant < 0.01 * side.powi(4) {
             return cell;
         }
-        let a = (uq * vv - vq * uv) / determinant;
-        let b = (vq * uu - uq * uv) / determinant;
+        let inverse_determinant = 1.0 / determinant;
+        let a = (uq * vv - vq * uv) * inverse_determinant;
+        let b = (vq * uu - uq * uv) * inverse_determinant;
         cell.gradient = Some([a as f32, b as f32]);
         cell.inverse += (q - a * u - b * v) as f32;
         let view = self.view;
@@ -249,17 +253,18 @@ impl<'a> Frame<'a> {
             let inverse =
                 cell.inverse + a * (column as f32 - cell.at[0]) + b * (row as f32 - cell.at[1]);
             let max_step = step(config, depth, sigma);
-            // False where the plane is behind the camera.
-            if !(inverse > 0.0 && (depth - 1.0 / inverse).abs() <= max_step) {
+            // The deviation of the depth from the plane, by the product with the inverse depth. False
+            // where the plane is behind the camera.
+            if !(inverse > 0.0 && (depth * inverse - 1.0).abs() <= max_step * inverse) {
                 continue;
             }
             let ray_x = (column as f32 - center[0]) * inverse_focal[0];
             let n = cell.normal;
             let cos = -(n[0] * ray_x + n[1] * ray_y + n[2]);
-            let incidence = cos / (1.0 + ray_x * ray_x + ray_y * ray_y).sqrt();
+            let is_shallow = cos * cos < min_cos * min_cos * (1.0 + ray_x * ray_x + ray_y * ray_y);
             let along = sigma * cos;
             let variance = along * along + floor;
-            if incidence < min_cos || depth > max_depth || variance > max_sigma * max_sigma {
+            if is_shallow || depth > max_depth || variance > max_sigma * max_sigma {
                 continue;
             }
             let is_seam =
@@ -290,7 +295,7 @@ impl<'a> Frame<'a> {
         let farther = |column: usize, row: usize, inverse: f32| {
             let depth = self.view.depth_m[row * width + column];
             // False for NaN. A plane that reaches the horizon has no farther side.
-            inverse > 0.0 && depth - 1.0 / inverse > max_step
+            inverse > 0.0 && depth * inverse - 1.0 > max_step * inverse
         };
         column >= margin && farther(column - margin, row, inverse - m * a)
             || column + margin < width && farther(column + margin, row, inverse + m * a)
