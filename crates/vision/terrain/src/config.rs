@@ -45,4 +45,18 @@ config! {
         /// errors of calibration are common to neighboring views.
         pub common_ratio: f64 = 0.3,
     }
+
+    /// Constants of [`Mesh::of`](crate::mesh::Mesh::of).
+    pub struct MeshConfig {
+        /// Maximum difference of the distances of neighboring voxels on either side of a surface,
+        /// voxels. More is a border between seen and unseen space, where no surface was observed.
+        pub max_jump_voxels: f64 = 2.5,
+        /// Minimum ratio of the eigenvalues of a vertex that is on an edge rather than on a plane:
+        /// edges of 35 degrees. Lower takes the noise of normals for edges.
+        pub min_feature_ratio: f64 = 0.1,
+        /// Minimum area of a connected surface, m2. Smaller ones are noise of the matcher.
+        pub min_component_m2: f64 = 0.02,
+        /// Minimum number of views of a vertex.
+        pub min_views: u8 = 1,
+    }
 }

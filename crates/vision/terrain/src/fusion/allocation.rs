@@ -54,12 +54,7 @@ impl Recent {
     }
 }
 
-fn add_cell(
-    config: &FusionConfig,
-    frame: &Frame<'_>,
-    cell: &Cell,
-    recent: &mut Recent,
-) {
+fn add_cell(config: &FusionConfig, frame: &Frame<'_>, cell: &Cell, recent: &mut Recent) {
     let Some([a, b]) = cell.gradient else {
         return;
     };
