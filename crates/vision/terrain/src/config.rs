@@ -59,4 +59,98 @@ config! {
         /// Minimum number of views of a vertex.
         pub min_views: u8 = 1,
     }
+
+    /// Constants of [`PlaneRefiner`](crate::planes::PlaneRefiner).
+    pub struct PlaneConfig {
+        /// Maximum distance of a vertex from its plane, in its sigmas.
+        pub max_vertex_sigmas: f64 = 2.0,
+        /// The same in m; the larger applies. Above the rounding of a voxel, below bumps that feet
+        /// notice.
+        pub min_vertex_distance_m: f64 = 0.004,
+        /// Maximum angle of the normal of a vertex with that of its plane, rad: normals of stereo
+        /// depth are known to 5 to 10 degrees.
+        pub max_normal_angle_rad: f64 = 0.30,
+        /// Minimum area, m2.
+        pub min_area_m2: f64 = 0.05,
+        /// Maximum distance of a plane's points from its first one, m. Larger surfaces become
+        /// several planes: nothing outdoors is plane over many metres.
+        pub max_radius_m: f64 = 3.0,
+        /// Maximum sigma along the normal of a depth of a plane, m. Noisier ones add little.
+        pub max_sigma_m: f64 = 0.025,
+        /// Maximum distance of a depth from its plane, in combined sigmas.
+        pub max_depth_sigmas: f64 = 3.0,
+        /// Number of neighboring pixels that share their errors: windows of the matcher.
+        pub correlated_px: f64 = 9.0,
+        /// One standard deviation of the rotation of a view relative to others, rad.
+        pub view_tilt_sigma_rad: f64 = 0.002,
+        /// Share of a view's sigma that is common to all of its pixels: calibration.
+        pub common_ratio: f64 = 0.3,
+        /// Maximum chi-square per depth of a plane. Above, the surface is not plane.
+        pub max_chi_square: f64 = 1.8,
+        /// Minimum number of depths of a plane in a view.
+        pub min_view_depths: u32 = 60,
+        /// Edge of a cell of a plane's support, m: about three pixels.
+        pub support_cell_m: f64 = 0.01,
+        /// Minimum number of depths in such a cell.
+        pub min_cell_depths: u16 = 2,
+    }
+
+    /// Constants of [`find_edges`](crate::edges::find_edges).
+    pub struct EdgeConfig {
+        /// Minimum angle of two planes that meet in an edge, rad: 30 degrees. Less is smooth ground.
+        pub min_angle_rad: f64 = 0.52,
+        /// Maximum distance of the support of a plane from its edge, m.
+        pub max_support_gap_m: f64 = 0.04,
+        /// Minimum length of an edge, m.
+        pub min_length_m: f64 = 0.12,
+        /// Maximum gap within an edge, m.
+        pub max_gap_m: f64 = 0.10,
+        /// Maximum distance from a line of the points of a plane's end, m.
+        pub max_line_distance_m: f64 = 0.012,
+        /// Minimum height of a step, m. Lower ones are left to the height layers.
+        pub min_step_m: f64 = 0.03,
+        /// Maximum height of a step, m: what people climb.
+        pub max_step_m: f64 = 0.40,
+        /// Maximum horizontal distance from an edge to the ground below it, m.
+        pub max_run_m: f64 = 0.35,
+        /// Minimum cosine of the slope of ground that is stepped on: 45 degrees.
+        pub min_ground_cos: f64 = 0.71,
+        /// One standard deviation of the place where the depths of a plane end, m: matchers make
+        /// foreground wider by a pixel or two.
+        pub end_sigma_m: f64 = 0.005,
+    }
+
+    /// Constants of [`build`](crate::maps::build).
+    pub struct MapConfig {
+        /// Edge of a cell, m.
+        pub cell_m: f64 = 0.04,
+        /// Minimum cosine of the slope of ground: 45 degrees.
+        pub min_ground_cos: f64 = 0.71,
+        /// Maximum difference of heights of neighboring cells of a level, m: people climb 25 cm.
+        pub max_step_m: f64 = 0.25,
+        /// Surfaces of a cell that are apart by more are of different levels, m.
+        pub level_gap_m: f64 = 0.5,
+        /// Head room, m.
+        pub head_room_m: f64 = 1.9,
+        /// Minimum area of a level without ground samples, m2.
+        pub min_level_m2: f64 = 0.25,
+        /// Maximum width of a hole that is filled, m: the shade of a shoe.
+        pub max_hole_m: f64 = 0.10,
+        /// Maximum distance of its rim from a plane, m.
+        pub max_rim_m: f64 = 0.01,
+        /// Height difference of neighboring cells, beyond their slope, that is an edge, m.
+        pub min_edge_m: f64 = 0.03,
+        /// Radius within which the height of steps is measured, m.
+        pub step_radius_m: f64 = 0.12,
+        /// Radius within which roughness is measured, m.
+        pub roughness_radius_m: f64 = 0.10,
+        /// Slope, step and roughness that are not traversable: rad, m, m.
+        pub max_slope_rad: f64 = 0.6,
+        /// See `max_slope_rad`.
+        pub max_traversable_step_m: f64 = 0.2,
+        /// See `max_slope_rad`.
+        pub max_roughness_m: f64 = 0.05,
+        /// Ground samples that differ from depth by more sigmas win over it.
+        pub max_sample_sigmas: f64 = 3.0,
+    }
 }

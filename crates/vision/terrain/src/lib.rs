@@ -1,7 +1,9 @@
 //! Depth images with sigmas and poses to the ground that a person walked on.
 //!
 //! [`fusion`] makes a truncated signed distance field (TSDF) of depth images, [`mesh`] its surface.
-//! [`evaluate`] compares results with ground truth.
+//! [`planes`] finds planes in the mesh and refits them to the depths themselves; [`edges`] are where
+//! they meet or end, and the heights of steps.
+//! [`maps`] are grids of each walkable level, for foothold planning. [`evaluate`] compares results with ground truth.
 //!
 //! Frames: the world has z up; a view has x right, y down, z along its optical axis. Metres,
 //! radians, seconds, pixels. The same input gives the same bytes on any number of threads. Nothing
@@ -10,12 +12,15 @@
 #![forbid(unsafe_code)]
 
 mod config;
+pub mod edges;
 mod error;
 pub mod evaluate;
 pub mod fusion;
+pub mod maps;
 pub mod mesh;
+pub mod planes;
 mod view;
 
-pub use config::{FusionConfig, MeshConfig};
+pub use config::{EdgeConfig, FusionConfig, MapConfig, MeshConfig, PlaneConfig};
 pub use error::TerrainError;
 pub use view::{DepthView, PixelClass, RowMotion};

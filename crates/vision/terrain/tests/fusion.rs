@@ -5,7 +5,7 @@ mod scene;
 
 use cad_transforms::RigidTransform;
 use reference::Dense;
-use scene::{Camera, Noise, RISE_M, Scene, Shot, Solid, VGA, climb, pose, shoot, stairs};
+use scene::{Camera, Noise, Scene, Shot, Solid, VGA, climb, pose, shoot, stairs};
 use terrain::fusion::Volume;
 use terrain::{FusionConfig, PixelClass};
 
@@ -14,6 +14,7 @@ const SMALL: Camera = Camera {
     focal_px: 180.0,
     baseline_m: 0.063,
     line_s: 0.0,
+    wide_px: 0,
 };
 
 fn fused(shots: &[Shot]) -> Volume {
@@ -260,5 +261,4 @@ fn invalid_views_change_nothing() {
             .to_string()
             .contains("the voxel is 0")
     );
-    let _ = RISE_M;
 }

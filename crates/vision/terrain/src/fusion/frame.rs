@@ -262,7 +262,10 @@ impl<'a> Frame<'a> {
             let n = cell.normal;
             let cos = -(n[0] * ray_x + n[1] * ray_y + n[2]);
             let is_shallow = cos * cos < min_cos * min_cos * (1.0 + ray_x * ray_x + ray_y * ray_y);
-            let along = sigma * cos;
+            // The sigma at the depth of the plane: that of stereo grows with the square of the depth,
+            // and depths that are too small by chance must not count more.
+            let relative = 1.0 / (depth * inverse);
+            let along = sigma * relative * relative * cos;
             let variance = along * along + floor;
             if is_shallow || depth > max_depth || variance > max_sigma * max_sigma {
                 continue;

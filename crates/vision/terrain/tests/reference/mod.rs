@@ -193,8 +193,9 @@ fn surface(
     let norm = n.iter().map(|k| k * k).sum::<f64>().sqrt();
     let cos = (n[0] * ray[0] + n[1] * ray[1] + n[2]) / norm;
     let incidence = cos / (1.0 + ray[0] * ray[0] + ray[1] * ray[1]).sqrt();
-    let variance =
-        (sigma_m * cos).powi(2) + view.pose_sigma_m.powi(2) + 0.25 * config.unit_sigma_m.powi(2);
+    let variance = (sigma_m / (inverse * depth_m).powi(2) * cos).powi(2)
+        + view.pose_sigma_m.powi(2)
+        + 0.25 * config.unit_sigma_m.powi(2);
     let usable = incidence >= config.min_incidence_cos
         && depth_m <= config.max_depth_m
         && variance.sqrt() <= config.max_sigma_m;

@@ -146,6 +146,8 @@ pub struct Camera {
     pub baseline_m: f64,
     /// Time from row to row, s.
     pub line_s: f64,
+    /// Width by which foreground is too wide, px.
+    pub wide_px: usize,
 }
 
 /// HD720 and VGA modes of a camera with a baseline of 63 mm.
@@ -154,12 +156,14 @@ pub const HD720: Camera = Camera {
     focal_px: 700.0,
     baseline_m: 0.063,
     line_s: 0.0,
+    wide_px: 0,
 };
 pub const VGA: Camera = Camera {
     size: [672, 376],
     focal_px: 367.0,
     baseline_m: 0.063,
     line_s: 0.0,
+    wide_px: 0,
 };
 
 /// Errors of a depth image.
@@ -272,6 +276,9 @@ pub fn shoot(
             shot.color[pixel] = color;
         }
     }
+    for _ in 0..camera.wide_px {
+        widen(&mut shot);
+    }
     let error = |stream: u64, sigma: f64| [0, 1, 2].map(|k| sigma * bell(noise.seed, stream, k));
     let error =
         RigidTransform::from_rotation_vector(error(2, noise.pose_rad), error(3, noise.pose_m));
@@ -308,4 +315,24 @@ pub fn climb(
             shoot(scene, camera, at, motion, noise)
         })
         .collect()
+}
+
+/// Pixels beside much nearer ones become as near: matchers see edges too wide.
+fn widen(shot: &mut Shot) {
+    let [width, height] = shot.camera.size;
+    let before = (shot.depth_m.clone(), shot.sigma_m.clone());
+    for pixel in 0..width * height {
+        let (u, v) = (pixel % width, pixel / width);
+        let mut others = Vec::new();
+        others.extend((u > 0).then(|| pixel - 1));
+        others.extend((u + 1 < width).then(|| pixel + 1));
+        others.extend((v > 0).then(|| pixel - width));
+        others.extend((v + 1 < height).then(|| pixel + width));
+        for other in others {
+            if before.0[other] < shot.depth_m[pixel] - 0.1 {
+                shot.depth_m[pixel] = before.0[other];
+                shot.sigma_m[pixel] = before.1[other];
+            }
+        }
+    }
 }

@@ -1,0 +1,233 @@
+//! Planes of the ground and of steps, refitted to the depths themselves.
+//!
+//! A voxel rounds the edges of stairs; the planes of treads and risers, each with thousands of
+//! depths, do not. Contract: regions of the mesh that are plane within the sigmas of their vertices
+//! are candidates ([`PlaneRefiner::new`]). Every view is given once more ([`PlaneRefiner::add`]);
+//! memory grows with the candidates and the number of views that see each. Planes that the depths
+//! confirm are the result ([`PlaneRefiner::finish`]): smooth ground that is curved, and rough
+//! ground, have none.
+
+use std::collections::BTreeMap;
+
+use nalgebra::{Matrix3, Vector3};
+
+use crate::config::PlaneConfig;
+use crate::error::TerrainError;
+use crate::mesh::Mesh;
+use crate::view::DepthView;
+
+mod assignment;
+mod ends;
+pub(crate) mod frame;
+mod plane;
+mod polygon;
+mod regions;
+pub(crate) mod sums;
+pub(crate) mod support;
+
+pub use plane::Plane;
+pub use polygon::Polygon;
+
+use assignment::{Extent, Lookup, assign};
+use sums::ViewSums;
+use support::SupportGrid;
+
+/// Planes, and the vertices of the mesh on each.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Planes {
+    /// The planes.
+    pub planes: Vec<Plane>,
+    /// Plane of each vertex of the mesh.
+    pub of_vertex: Vec<Option<u32>>,
+    /// The configuration.
+    pub config: PlaneConfig,
+}
+
+/// See the module.
+#[derive(Debug)]
+pub struct PlaneRefiner {
+    config: PlaneConfig,
+    extents: Vec<Extent>,
+    vertices: Vec<Vec<u32>>,
+    vertex_count: usize,
+    lookup: Lookup,
+    sums: Vec<Vec<ViewSums>>,
+    supports: Vec<SupportGrid>,
+    /// Sums of coordinates and number of ends in each cell of a support.
+    ends: Vec<BTreeMap<u32, ([f64; 2], u32)>>,
+    views: u32,
+}
+
+impl PlaneRefiner {
+    /// Finds the candidates.
+    pub fn new(mesh: &Mesh, config: &PlaneConfig) -> Self {
+        let mut regions = regions::grow(mesh, config);
+        // Numbers of planes are 16 bits; the largest ones come first.
+        regions.sort_by_key(|region| std::cmp::Reverse(region.vertices.len()));
+        regions.truncate(usize::from(assignment::NONE));
+        let area: f64 = mesh.triangles.iter().map(|t| mesh.area_m2(*t)).sum();
+        let spacing = (area / mesh.positions.len().max(1) as f64).sqrt();
+        let cell_m = (1.3 * spacing).max(config.support_cell_m);
+        let mut refiner = Self {
+            config: *config,
+            extents: Vec::new(),
+            vertices: Vec::new(),
+            vertex_count: mesh.positions.len(),
+            lookup: Lookup::default(),
+            sums: vec![Vec::new(); regions.len()],
+            supports: Vec::new(),
+            ends: vec![BTreeMap::new(); regions.len()],
+            views: 0,
+        };
+        for (number, region) in regions.into_iter().enumerate() {
+            let frame = region.frame;
+            let positions = region
+                .vertices
+                .iter()
+                .map(|i| Vector3::from(mesh.positions[*i as usize].map(f64::from)));
+            let at = positions.clone().map(|x| {
+                let [s, t, _] = frame.coordinates(&x);
+                [s, t]
+            });
+            let mut grid = SupportGrid::around(cell_m, at.clone(), 3.0 * cell_m);
+            at.clone().for_each(|at| grid.add(at));
+            let closed = grid.grown(&grid.grown(&grid.mask(1), 1, true), 1, false);
+            let support = SupportGrid::around(config.support_cell_m, at, 3.0 * cell_m);
+            positions.for_each(|x| refiner.lookup.add(number as u16, &x));
+            refiner.extents.push(Extent {
+                frame,
+                interior: grid.grown(&closed, 1, false),
+                wide: grid.grown(&closed, 2, true),
+                closed,
+                grid,
+            });
+            refiner.supports.push(support);
+            refiner.vertices.push(region.vertices);
+        }
+        refiner
+    }
+
+    /// Number of candidates.
+    pub fn candidates(&self) -> usize {
+        self.extents.len()
+    }
+
+    /// Adds the depths of a view.
+    ///
+    /// # Errors
+    /// [`TerrainError::ImageSize`] and [`TerrainError::View`].
+    pub fn add(&mut self, view: &DepthView<'_>) -> Result<(), TerrainError> {
+        view.validate()?;
+        let assignment = assign(&self.config, &self.extents, &self.lookup, view);
+        for (plane, sums) in &assignment.sums {
+            let of_plane = &mut self.sums[usize::from(*plane)];
+            match of_plane.last_mut().filter(|last| last.view == self.views) {
+                Some(last) => last.merge(sums),
+                None => {
+                    let mut sums = *sums;
+                    sums.view = self.views;
+                    of_plane.push(sums);
+                }
+            }
+        }
+        for (plane, at) in &assignment.hits {
+            self.supports[usize::from(*plane)].add(at.map(f64::from));
+        }
+        for (plane, at) in ends::ends(&self.extents, view, &assignment.labels) {
+            if let Some(cell) = self.supports[usize::from(plane)].index(at) {
+                let (sum, count) = self.ends[usize::from(plane)]
+                    .entry(cell as u32)
+                    .or_default();
+                *sum = [sum[0] + at[0], sum[1] + at[1]];
+                *count += 1;
+            }
+        }
+        self.views += 1;
+        Ok(())
+    }
+
+    /// The planes that the depths confirm, the largest region first.
+    pub fn finish(self) -> Planes {
+        let mut planes = Planes {
+            planes: Vec::new(),
+            of_vertex: vec![None; self.vertex_count],
+            config: self.config,
+        };
+        let parts = self
+            .extents
+            .into_iter()
+            .zip(self.sums)
+            .zip(self.supports)
+            .zip(self.ends);
+        for ((((extent, sums), support), ends), vertices) in parts.zip(&self.vertices) {
+            let Some(plane) = fitted(&self.config, extent, sums, support, ends) else {
+                continue;
+            };
+            for i in vertices {
+                planes.of_vertex[*i as usize] = Some(planes.planes.len() as u32);
+            }
+            planes.planes.push(plane);
+        }
+        planes
+    }
+}
+
+fn fitted(
+    config: &PlaneConfig,
+    extent: Extent,
+    mut sums: Vec<ViewSums>,
+    support: SupportGrid,
+    ends: BTreeMap<u32, ([f64; 2], u32)>,
+) -> Option<Plane> {
+    sums.retain(|sums| sums.depths >= config.min_view_depths);
+    let (mut matrix, mut right) = (Matrix3::zeros(), Vector3::zeros());
+    let (mut square, mut freedom, mut depths) = (0.0, 0.0, 0);
+    for view in &sums {
+        let (of_matrix, of_right) = view.marginalized(
+            config.correlated_px,
+            config.common_ratio,
+            config.view_tilt_sigma_rad,
+        );
+        matrix += of_matrix;
+        right += of_right;
+        let (of_square, of_freedom) = view.residual();
+        square += of_square;
+        freedom += of_freedom;
+        depths += u64::from(view.depths);
+    }
+    let covariance = matrix.try_inverse()?;
+    let chi_square = square / f64::max(freedom, 1.0);
+    if chi_square > config.max_chi_square {
+        return None;
+    }
+    let height = covariance * right;
+    let frame = extent.frame.adjusted(height.into());
+    let seen = support.mask(config.min_cell_depths);
+    let observed = support.grown(&support.grown(&seen, 1, true), 1, false);
+    let cells = observed.iter().filter(|is| **is).count();
+    let area_m2 = cells as f64 * support.cell_m * support.cell_m;
+    if area_m2 < config.min_area_m2 {
+        return None;
+    }
+    let count = |(sum, count): ([f64; 2], u32)| (sum.map(|s| s / f64::from(count)), count);
+    Some(Plane {
+        center: frame.origin.into(),
+        normal: frame.normal.into(),
+        axes: [frame.u.into(), frame.v.into()],
+        sigma_m: covariance[(0, 0)].max(0.0).sqrt(),
+        tilt_sigma_rad: [1, 2].map(|k| covariance[(k, k)].max(0.0).sqrt()),
+        depths,
+        views: sums.len(),
+        chi_square,
+        area_m2,
+        polygons: polygon::outlines(&support, &observed, 1.1 * support.cell_m),
+        frame,
+        sums_frame: extent.frame,
+        height,
+        covariance,
+        sums,
+        observed,
+        ends: ends.into_values().map(count).collect(),
+        support,
+    })
+}
