@@ -153,4 +153,20 @@ config! {
         /// Ground samples that differ from depth by more sigmas win over it.
         pub max_sample_sigmas: f64 = 3.0,
     }
+
+    /// Constants of [`simplify`](crate::simplify::simplify).
+    pub struct SimplifyConfig {
+        /// Maximum height error at the vertices of the dense mesh that a foot can stand on, 95 %
+        /// quantile, m.
+        pub max_height_p95_m: f64 = 0.002,
+        /// Maximum of that error, m.
+        pub max_height_m: f64 = 0.010,
+        /// Minimum cosine of the slope of ground that counts: 45 degrees.
+        pub min_ground_cos: f64 = 0.71,
+        /// Tolerances of the quadric error that are tried, m: the first and, doubled each time, the
+        /// last.
+        pub first_tolerance_m: f64 = 0.0005,
+        /// See `first_tolerance_m`.
+        pub last_tolerance_m: f64 = 0.016,
+    }
 }

@@ -3,7 +3,8 @@
 //! [`fusion`] makes a truncated signed distance field (TSDF) of depth images, [`mesh`] its surface.
 //! [`planes`] finds planes in the mesh and refits them to the depths themselves; [`edges`] are where
 //! they meet or end, and the heights of steps.
-//! [`maps`] are grids of each walkable level, for foothold planning. [`evaluate`] compares results with ground truth.
+//! [`maps`] are grids of each walkable level, for foothold planning. [`simplify`] removes triangles
+//! that feet do not need, and [`export`] writes meshes. [`evaluate`] compares results with ground truth.
 //!
 //! Frames: the world has z up; a view has x right, y down, z along its optical axis. Metres,
 //! radians, seconds, pixels. The same input gives the same bytes on any number of threads. Nothing
@@ -15,12 +16,14 @@ mod config;
 pub mod edges;
 mod error;
 pub mod evaluate;
+pub mod export;
 pub mod fusion;
 pub mod maps;
 pub mod mesh;
 pub mod planes;
+pub mod simplify;
 mod view;
 
-pub use config::{EdgeConfig, FusionConfig, MapConfig, MeshConfig, PlaneConfig};
+pub use config::{EdgeConfig, FusionConfig, MapConfig, MeshConfig, PlaneConfig, SimplifyConfig};
 pub use error::TerrainError;
 pub use view::{DepthView, PixelClass, RowMotion};

@@ -52,10 +52,15 @@ pub fn build(
         .filter(|(_, floors)| !floors.is_empty())
         .collect();
     let columns: BTreeMap<Cell, Vec<Sample>> = columns.into_iter().collect();
-    let seeds: Vec<Place> = ground.iter().filter_map(|s| seed(&floors, s, config)).collect();
+    let seeds: Vec<Place> = ground
+        .iter()
+        .filter_map(|s| seed(&floors, s, config))
+        .collect();
     let mut connected = floors::connect(&floors, &seeds, config);
     let is_seeded = |level: &BTreeMap<Cell, usize>| {
-        seeds.iter().any(|(cell, number)| level.get(cell) == Some(number))
+        seeds
+            .iter()
+            .any(|(cell, number)| level.get(cell) == Some(number))
     };
     let min_cells = config.min_level_m2 / (config.cell_m * config.cell_m);
     connected.retain(|level| level.len() as f64 >= min_cells || is_seeded(level));
@@ -154,8 +159,10 @@ fn add_sample(level: &mut Level, sample: &GroundSample, config: &MapConfig) -> b
         }
         return is_level;
     }
-    let (elevation, of_depth) =
-        (f64::from(level.elevation[index]), f64::from(level.sigma[index]));
+    let (elevation, of_depth) = (
+        f64::from(level.elevation[index]),
+        f64::from(level.sigma[index]),
+    );
     let difference = z - elevation;
     if difference.abs() > MAX_SAMPLE_M {
         return false;
@@ -165,14 +172,17 @@ fn add_sample(level: &mut Level, sample: &GroundSample, config: &MapConfig) -> b
         // Which of the two heights the sample is on is not known.
         return true;
     }
-    let (height, combined) =
-        if difference.abs() > config.max_sample_sigmas * sigma.hypot(of_depth) {
-            level.flags[index] |= CONTRADICTED;
-            (z, sigma)
-        } else {
-            let share = of_depth * of_depth / (of_depth * of_depth + sigma * sigma);
-            (elevation + share * difference, sigma * of_depth / sigma.hypot(of_depth))
-        };
+    let (height, combined) = if difference.abs() > config.max_sample_sigmas * sigma.hypot(of_depth)
+    {
+        level.flags[index] |= CONTRADICTED;
+        (z, sigma)
+    } else {
+        let share = of_depth * of_depth / (of_depth * of_depth + sigma * sigma);
+        (
+            elevation + share * difference,
+            sigma * of_depth / sigma.hypot(of_depth),
+        )
+    };
     level.elevation[index] = height as f32;
     level.sigma[index] = combined as f32;
     (level.lower[index], level.upper[index]) = (height as f32, height as f32);
@@ -194,7 +204,9 @@ fn occupancy(level: &mut Level, columns: &BTreeMap<Cell, Vec<Sample>>, config: &
         let Some(height) = height else {
             continue;
         };
-        let samples = columns.get(&cell_of(&[x, y, 0.0], config)).map_or(&[][..], Vec::as_slice);
+        let samples = columns
+            .get(&cell_of(&[x, y, 0.0], config))
+            .map_or(&[][..], Vec::as_slice);
         let is_obstacle = samples.iter().any(|sample| {
             let above = f64::from(sample.z - height);
             above > config.max_step_m && above < config.head_room_m

@@ -2,7 +2,7 @@
 
 use super::level::{FREE, Level};
 use crate::config::MapConfig;
-use crate::edges::{Edge, EdgeKind};
+use crate::edges::Edge;
 
 /// Fills the layer of signed distances. Borders are between cells, so the grid is doubled: centers
 /// of cells have odd coordinates, borders even ones.
@@ -23,7 +23,8 @@ pub(super) fn measure(level: &mut Level, edges: &[Edge], config: &MapConfig) {
                 continue;
             };
             let differs = is_free(index) != is_free(other);
-            let is_edge = is_free(index) && is_free(other) && jump(level, index, other) > config.min_edge_m;
+            let is_edge =
+                is_free(index) && is_free(other) && jump(level, index, other) > config.min_edge_m;
             if differs || is_edge {
                 squares[border] = 0.0;
             }
@@ -52,14 +53,17 @@ fn jump(level: &Level, index: usize, other: usize) -> f64 {
         -(nx * offset[0] + ny * offset[1]) / nz.max(0.05)
     };
     // Either slope may explain it.
-    [index, other].map(|i| (difference - of(i)).abs()).into_iter().fold(f64::INFINITY, f64::min)
+    [index, other]
+        .map(|i| (difference - of(i)).abs())
+        .into_iter()
+        .fold(f64::INFINITY, f64::min)
 }
 
 /// Distances from edges that are known better than by cells.
 fn refine(level: &mut Level, edges: &[Edge]) {
     let reach = 0.4;
     let [width, height] = level.size;
-    for edge in edges.iter().filter(|edge| edge.kind != EdgeKind::Concave || edge.length_m() > 0.0) {
+    for edge in edges {
         let cells = [0, 1].map(|k| {
             let low = edge.from[k].min(edge.to[k]) - reach - level.origin[k];
             let high = edge.from[k].max(edge.to[k]) + reach - level.origin[k];
@@ -106,15 +110,24 @@ fn transform(squares: &mut [f64], [width, height]: [usize; 2]) {
 /// Least value of all parabolas of a line at each of its places.
 fn lower_envelope(values: &[f64]) -> Vec<f64> {
     let mut parabolas: Vec<(usize, f64)> = Vec::new();
-    for (at, value) in values.iter().enumerate().filter(|(_, value)| value.is_finite()) {
+    for (at, value) in values
+        .iter()
+        .enumerate()
+        .filter(|(_, value)| value.is_finite())
+    {
         let meets = |other: usize| {
             let [a, b] = [at, other].map(|k| k as f64);
             ((value + a * a) - (values[other] + b * b)) / (2.0 * (a - b))
         };
-        while parabolas.last().is_some_and(|(other, from)| meets(*other) <= *from) {
+        while parabolas
+            .last()
+            .is_some_and(|(other, from)| meets(*other) <= *from)
+        {
             parabolas.pop();
         }
-        let from = parabolas.last().map_or(f64::NEG_INFINITY, |(other, _)| meets(*other));
+        let from = parabolas
+            .last()
+            .map_or(f64::NEG_INFINITY, |(other, _)| meets(*other));
         parabolas.push((at, from));
     }
     let mut current = 0;
@@ -139,7 +152,9 @@ mod tests {
     #[test]
     fn transform_agrees_with_all_pairs() {
         let size = [23, 17];
-        let zeros: Vec<usize> = (0..9).map(|i| (counter_random::bits(1, 2, i) % 391) as usize).collect();
+        let zeros: Vec<usize> = (0..9)
+            .map(|i| (counter_random::bits(1, 2, i) % 391) as usize)
+            .collect();
         let mut squares = vec![f64::INFINITY; size[0] * size[1]];
         zeros.iter().for_each(|zero| squares[*zero] = 0.0);
         transform(&mut squares, size);

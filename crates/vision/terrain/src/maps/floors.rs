@@ -40,9 +40,9 @@ pub(super) fn floors(samples: &[Sample], config: &MapConfig) -> Vec<Floor> {
         let at_center = group.iter().rev().find(|sample| sample.is_center());
         // Without surface at the center, the sample of median height.
         let chosen = at_center.unwrap_or(&group[group.len() / 2]);
-        let above = samples.iter().find(|sample| {
-            f64::from(sample.z - upper) > config.level_gap_m
-        });
+        let above = samples
+            .iter()
+            .find(|sample| f64::from(sample.z - upper) > config.level_gap_m);
         let close = |sample: &&Sample| f64::from((sample.z - chosen.z).abs()) < config.min_edge_m;
         let normals = group.iter().filter(close).fold([0.0f32; 3], |sum, sample| {
             [0, 1, 2].map(|k| sum[k] + sample.normal[k])
@@ -69,7 +69,9 @@ pub(super) fn connect(
     config: &MapConfig,
 ) -> Vec<BTreeMap<Cell, usize>> {
     let mut taken: BTreeMap<Place, ()> = BTreeMap::new();
-    let all = floors.iter().flat_map(|(cell, of)| (0..of.len()).map(|number| (*cell, number)));
+    let all = floors
+        .iter()
+        .flat_map(|(cell, of)| (0..of.len()).map(|number| (*cell, number)));
     let mut levels = Vec::new();
     for start in seeds.iter().copied().chain(all) {
         if taken.contains_key(&start) {

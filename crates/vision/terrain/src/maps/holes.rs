@@ -23,7 +23,11 @@ pub(super) fn fill(level: &mut Level, config: &MapConfig) {
         for index in hole {
             let [x, y] = level.center(index);
             let z = (plane[0] + plane[1] * x + plane[2] * y) as f32;
-            (level.elevation[index], level.lower[index], level.upper[index]) = (z, z, z);
+            (
+                level.elevation[index],
+                level.lower[index],
+                level.upper[index],
+            ) = (z, z, z);
             level.sigma[index] = (2.0 * sigma) as f32;
             level.normal[index] = [-plane[1], -plane[2], 1.0].map(|v| (v / norm) as f32);
             level.clearance[index] = f32::INFINITY;
@@ -71,7 +75,11 @@ fn is_narrow(level: &Level, hole: &[usize], config: &MapConfig) -> bool {
 fn rim_plane(level: &Level, hole: &[usize], config: &MapConfig) -> Option<(Vector3<f64>, f64)> {
     let mut rim: Vec<usize> = hole
         .iter()
-        .flat_map(|index| level.near(*index, 1.5 * level.cell_m).map(|(other, _)| other))
+        .flat_map(|index| {
+            level
+                .near(*index, 1.5 * level.cell_m)
+                .map(|(other, _)| other)
+        })
         .filter(|other| level.flags[*other] & FILLED == 0)
         .collect();
     rim.sort_unstable();

@@ -109,8 +109,9 @@ impl Level {
     ) -> impl Iterator<Item = (usize, [f64; 2])> + '_ {
         let reach = (radius_m / self.cell_m).floor() as i64;
         let at = [(index % self.size[0]) as i64, (index / self.size[0]) as i64];
-        (-reach..=reach).flat_map(move |dy| (-reach..=reach).map(move |dx| [dx, dy])).filter_map(
-            move |step| {
+        (-reach..=reach)
+            .flat_map(move |dy| (-reach..=reach).map(move |dx| [dx, dy]))
+            .filter_map(move |step| {
                 let to = [at[0] + step[0], at[1] + step[1]];
                 let inside = (0..2).all(|k| to[k] >= 0 && to[k] < self.size[k] as i64);
                 let offset = step.map(|k| k as f64 * self.cell_m);
@@ -120,7 +121,6 @@ impl Level {
                 }
                 let other = to[1] as usize * self.size[0] + to[0] as usize;
                 self.has_height(other).then_some((other, offset))
-            },
-        )
+            })
     }
 }

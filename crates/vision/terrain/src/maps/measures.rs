@@ -17,7 +17,11 @@ struct Measures {
 pub(super) fn measure(level: &mut Level, config: &MapConfig) {
     let of: Vec<Option<Measures>> = (0..level.flags.len())
         .into_par_iter()
-        .map(|index| level.has_height(index).then(|| measures(level, index, config)))
+        .map(|index| {
+            level
+                .has_height(index)
+                .then(|| measures(level, index, config))
+        })
         .collect();
     for (index, of) in of.iter().enumerate() {
         let Some(of) = of else {
@@ -43,7 +47,10 @@ fn measures(level: &Level, index: usize, config: &MapConfig) -> Measures {
     let beyond_slope = |other: usize, [dx, dy]: [f64; 2]| {
         let expected = z - (nx * dx + ny * dy) / up;
         let heights = [level.lower[other], level.upper[other]];
-        heights.map(|h| (f64::from(h) - expected).abs()).into_iter().fold(0.0, f64::max)
+        heights
+            .map(|h| (f64::from(h) - expected).abs())
+            .into_iter()
+            .fold(0.0, f64::max)
     };
     let inside = f64::from(level.upper[index] - level.lower[index]);
     // The height range of the cell itself, without what its slope explains.
@@ -79,6 +86,8 @@ fn roughness(level: &Level, index: usize, radius_m: f64) -> f64 {
     if count < 4.0 {
         return 0.0;
     }
-    let explained = matrix.try_inverse().map_or(0.0, |inverse| right.dot(&(inverse * right)));
+    let explained = matrix
+        .try_inverse()
+        .map_or(0.0, |inverse| right.dot(&(inverse * right)));
     (f64::max(square - explained, 0.0) / count).sqrt()
 }

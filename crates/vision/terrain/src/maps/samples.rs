@@ -32,8 +32,11 @@ pub(super) type Cell = (i32, i32);
 
 /// All cells with samples, in order, with their samples by height.
 pub(super) fn columns(mesh: &Mesh, cell_m: f64) -> Vec<(Cell, Vec<Sample>)> {
-    let triangles: Vec<Vec<(Cell, Sample)>> =
-        mesh.triangles.par_iter().map(|triangle| rasterize(mesh, *triangle, cell_m)).collect();
+    let triangles: Vec<Vec<(Cell, Sample)>> = mesh
+        .triangles
+        .par_iter()
+        .map(|triangle| rasterize(mesh, *triangle, cell_m))
+        .collect();
     let mut all: Vec<(Cell, Sample)> = triangles.into_iter().flatten().collect();
     // Walls have no area seen from above: their vertices stand for them.
     all.extend((0..mesh.positions.len()).map(|i| {
@@ -49,7 +52,9 @@ pub(super) fn columns(mesh: &Mesh, cell_m: f64) -> Vec<(Cell, Vec<Sample>)> {
         ((cell[0], cell[1]), sample)
     }));
     all.par_sort_by(|a, b| {
-        a.0.cmp(&b.0).then(a.1.z.total_cmp(&b.1.z)).then(a.1.place.cmp(&b.1.place))
+        a.0.cmp(&b.0)
+            .then(a.1.z.total_cmp(&b.1.z))
+            .then(a.1.place.cmp(&b.1.place))
     });
     let mut columns: Vec<(Cell, Vec<Sample>)> = Vec::new();
     for (cell, sample) in all {
@@ -76,13 +81,18 @@ fn rasterize(mesh: &Mesh, triangle: [u32; 3], cell_m: f64) -> Vec<(Cell, Sample)
     let spacing = cell_m / ACROSS as f64;
     let range = |k: usize| {
         let low = corners.iter().map(|p| p[k]).fold(f64::INFINITY, f64::min);
-        let high = corners.iter().map(|p| p[k]).fold(f64::NEG_INFINITY, f64::max);
+        let high = corners
+            .iter()
+            .map(|p| p[k])
+            .fold(f64::NEG_INFINITY, f64::max);
         (low / spacing - 0.5).ceil() as i64..=(high / spacing - 0.5).floor() as i64
     };
     let of = |i: u32| (mesh.sigma_m[i as usize], mesh.views[i as usize]);
     let [of_a, of_b, of_c] = triangle.map(of);
-    let (sigma, views) =
-        (of_a.0.max(of_b.0).max(of_c.0), of_a.1.max(of_b.1).max(of_c.1));
+    let (sigma, views) = (
+        of_a.0.max(of_b.0).max(of_c.0),
+        of_a.1.max(of_b.1).max(of_c.1),
+    );
     for row in range(1) {
         for column in range(0) {
             let [x, y] = [column, row].map(|k| (k as f64 + 0.5) * spacing);
