@@ -159,8 +159,10 @@ config! {
         /// Maximum height error at the vertices of the dense mesh that a foot can stand on, 95 %
         /// quantile, m.
         pub max_height_p95_m: f64 = 0.002,
-        /// Maximum of that error, m.
+        /// Error above which a foot would stumble, m, and the maximum share of such vertices.
         pub max_height_m: f64 = 0.010,
+        /// See `max_height_m`. Vertices at ragged borders of the dense mesh are among them.
+        pub max_beyond_share: f64 = 0.005,
         /// Minimum cosine of the slope of ground that counts: 45 degrees.
         pub min_ground_cos: f64 = 0.71,
         /// Tolerances of the quadric error that are tried, m: the first and, doubled each time, the

@@ -31,7 +31,9 @@ pub fn ply(mesh: &Mesh) -> Vec<u8> {
     }
     for triangle in &mesh.triangles {
         bytes.push(3);
-        triangle.iter().for_each(|index| bytes.extend(index.to_le_bytes()));
+        triangle
+            .iter()
+            .for_each(|index| bytes.extend(index.to_le_bytes()));
     }
     bytes
 }
@@ -60,7 +62,12 @@ mod tests {
 
     fn square() -> Mesh {
         Mesh {
-            positions: vec![[0.0, 0.0, 1.5], [2.0, 0.0, 1.5], [2.0, 1.0, 1.5], [0.0, 1.0, 1.5]],
+            positions: vec![
+                [0.0, 0.0, 1.5],
+                [2.0, 0.0, 1.5],
+                [2.0, 1.0, 1.5],
+                [0.0, 1.0, 1.5],
+            ],
             normals: vec![[0.0, 0.0, 1.0]; 4],
             colors: vec![[255, 0, 51]; 4],
             sigma_m: vec![0.004; 4],
@@ -89,7 +96,10 @@ mod tests {
     fn obj_counts_from_one() {
         let text = String::from_utf8(obj(&square())).unwrap();
         assert!(text.contains("v 2 1 1.5 1.0000 0.0000 0.2000\n"), "{text}");
-        assert!(text.ends_with("f 1//1 2//2 3//3\nf 1//1 3//3 4//4\n"), "{text}");
+        assert!(
+            text.ends_with("f 1//1 2//2 3//3\nf 1//1 3//3 4//4\n"),
+            "{text}"
+        );
     }
 
     #[test]
@@ -101,7 +111,10 @@ mod tests {
         let json_length = word(12);
         assert_eq!((json_length % 4, &bytes[16..20]), (0, &b"JSON"[..]));
         let json = std::str::from_utf8(&bytes[20..20 + json_length]).unwrap();
-        assert!(json.contains(r#""min":[0,1.5,-1],"max":[2,1.5,0]"#), "{json}");
+        assert!(
+            json.contains(r#""min":[0,1.5,-1],"max":[2,1.5,0]"#),
+            "{json}"
+        );
         let binary = 20 + json_length;
         assert_eq!(&bytes[binary + 4..binary + 8], b"BIN\0");
         assert_eq!(binary + 8 + word(binary), bytes.len());

@@ -1,7 +1,9 @@
 //! Maps of analytic scenes.
 
+mod carpet;
 mod scene;
 
+use carpet::carpet;
 use scene::{GOING_M, HD720, Noise, RISE_M, Scene, Shot, Solid, climb, pose, shoot, stairs};
 use terrain::edges::{find_edges, snap};
 use terrain::evaluate::ErrorQuantiles;
@@ -27,33 +29,6 @@ fn mapped(shots: &[Shot], ground: &[GroundSample]) -> Vec<Level> {
     let edges = find_edges(&planes, &EdgeConfig::default());
     snap(&mut mesh, &planes, &edges, 0.02);
     build(&mesh, &edges, ground, &MapConfig::default())
-}
-
-/// A flat mesh of squares of 2 cm where a function has a height.
-fn carpet(size: [usize; 2], height: impl Fn(f64, f64) -> Option<f64>) -> Mesh {
-    let mut mesh = Mesh::default();
-    let mut index = std::collections::BTreeMap::new();
-    for row in 0..size[1] {
-        for column in 0..size[0] {
-            let [x, y] = [column, row].map(|k| 0.02 * k as f64);
-            let Some(z) = height(x, y) else {
-                continue;
-            };
-            index.insert((row, column), mesh.positions.len() as u32);
-            mesh.positions.push([x as f32, y as f32, z as f32]);
-            mesh.normals.push([0.0, 0.0, 1.0]);
-            mesh.colors.push([100; 3]);
-            mesh.sigma_m.push(0.003);
-            mesh.views.push(4);
-        }
-    }
-    for ((row, column), a) in &index {
-        let at = |down, right| index.get(&(row + down, column + right)).copied();
-        if let (Some(b), Some(c), Some(d)) = (at(0, 1), at(1, 1), at(1, 0)) {
-            mesh.triangles.extend([[*a, b, c], [*a, c, d]]);
-        }
-    }
-    mesh
 }
 
 fn noise(seed: u64) -> Noise {

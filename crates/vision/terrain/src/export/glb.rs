@@ -28,7 +28,9 @@ pub fn glb(mesh: &Mesh) -> Vec<u8> {
         binary.push(255);
     }
     for triangle in &mesh.triangles {
-        triangle.iter().for_each(|index| binary.extend(index.to_le_bytes()));
+        triangle
+            .iter()
+            .for_each(|index| binary.extend(index.to_le_bytes()));
     }
     let indices = 3 * mesh.triangles.len();
     let json = match count {

@@ -9,7 +9,7 @@ use super::quadric::Quadric;
 use crate::mesh::Mesh;
 
 /// Minimum cosine between the normals of a triangle before and after a collapse.
-const MIN_TURN_COS: f64 = 0.3;
+const MIN_TURN_COS: f64 = 0.8;
 /// Minimum ratio of the area of a triangle to its longest edge squared.
 const MIN_SHAPE: f64 = 0.02;
 
@@ -17,7 +17,8 @@ const MIN_SHAPE: f64 = 0.02;
 type Candidate = Reverse<(u64, u32, u32, u32)>;
 
 /// The mesh with edges collapsed up to a root mean square distance from the planes of its triangles,
-/// m. Vertices of borders remain.
+/// m.
+/// Borders collapse along themselves only.
 pub fn collapse(mesh: &Mesh, tolerance_m: f64) -> Mesh {
     let mut work = Work::new(mesh);
     let mut heap: BinaryHeap<Candidate> = BinaryHeap::new();
@@ -45,6 +46,8 @@ pub fn collapse(mesh: &Mesh, tolerance_m: f64) -> Mesh {
 struct Work {
     positions: Vec<Vector3<f64>>,
     quadrics: Vec<Quadric>,
+    /// Quadrics of the borders: apart, so that the area around does not hide their error.
+    borders: Vec<Quadric>,
     is_border: Vec<bool>,
     /// Triangles of each vertex; empty for vertices that are gone.
     around: Vec<Vec<u32>>,
@@ -57,10 +60,14 @@ struct Work {
 impl Work {
     fn new(mesh: &Mesh) -> Self {
         let count = mesh.positions.len();
-        let positions: Vec<Vector3<f64>> =
-            mesh.positions.iter().map(|p| Vector3::from(p.map(f64::from))).collect();
+        let positions: Vec<Vector3<f64>> = mesh
+            .positions
+            .iter()
+            .map(|p| Vector3::from(p.map(f64::from)))
+            .collect();
         let mut work = Self {
             quadrics: vec![Quadric::default(); count],
+            borders: vec![Quadric::default(); count],
             is_border: vec![false; count],
             around: vec![Vec::new(); count],
             triangles: mesh.triangles.clone(),
@@ -86,13 +93,37 @@ impl Work {
                 *sides.entry((from.min(to), from.max(to))).or_default() += 1;
             }
         }
-        for ((a, b), count) in sides {
-            if count != 2 {
-                work.is_border[a as usize] = true;
-                work.is_border[b as usize] = true;
+        for triangle in &mesh.triangles {
+            let [a, b, c] = *triangle;
+            for (from, to) in [(a, b), (b, c), (c, a)] {
+                if sides[&(from.min(to), from.max(to))] != 2 {
+                    work.add_border(from, to, &Vector3::from(mesh.doubled_normal(*triangle)));
+                }
             }
         }
         work
+    }
+
+    /// A border is a wall across its triangle: moving it costs as moving the surface does.
+    fn add_border(&mut self, from: u32, to: u32, normal: &Vector3<f64>) {
+        let along = self.positions[to as usize] - self.positions[from as usize];
+        let weight = along.norm_squared();
+        if let Some(across) = along.cross(normal).try_normalize(1e-15) {
+            let offset = across.dot(&self.positions[from as usize]);
+            let quadric = Quadric::of_plane(&across, offset, weight);
+            for i in [from, to] {
+                self.borders[i as usize] = self.borders[i as usize].sum(&quadric);
+            }
+        }
+        self.is_border[from as usize] = true;
+        self.is_border[to as usize] = true;
+    }
+
+    /// Number of triangles at an edge.
+    fn sides(&self, a: u32, b: u32) -> usize {
+        let of_a = self.around[a as usize].iter();
+        of_a.filter(|number| self.triangles[**number as usize].contains(&b))
+            .count()
     }
 
     /// Sum of the changes of two vertices, `None` if one is gone.
@@ -115,21 +146,33 @@ impl Work {
     /// Position of the vertex of a collapsed edge, and its mean squared error.
     fn target(&self, a: u32, b: u32) -> Option<(Vector3<f64>, f64)> {
         let quadric = self.quadrics[a as usize].sum(&self.quadrics[b as usize]);
+        let border = self.borders[a as usize].sum(&self.borders[b as usize]);
         let [at_a, at_b] = [a, b].map(|i| self.positions[i as usize]);
-        let places: Vec<Vector3<f64>> = match (self.is_border[a as usize], self.is_border[b as usize]) {
-            (true, true) => return None,
-            (true, false) => vec![at_a],
-            (false, true) => vec![at_b],
-            (false, false) => {
-                let length = (at_a - at_b).norm();
-                let best = quadric.minimum().filter(|x| {
-                    (x - at_a).norm() <= length && (x - at_b).norm() <= length
-                });
-                [Some(0.5 * (at_a + at_b)), best, Some(at_a), Some(at_b)].into_iter().flatten().collect()
-            }
+        let places: Vec<Vector3<f64>> =
+            match (self.is_border[a as usize], self.is_border[b as usize]) {
+                (true, true) if self.sides(a, b) != 1 => return None,
+                (true, true) => vec![at_a, at_b],
+                (true, false) => vec![at_a],
+                (false, true) => vec![at_b],
+                (false, false) => {
+                    let length = (at_a - at_b).norm();
+                    let best = quadric
+                        .minimum()
+                        .filter(|x| (x - at_a).norm() <= length && (x - at_b).norm() <= length);
+                    [Some(0.5 * (at_a + at_b)), best, Some(at_a), Some(at_b)]
+                        .into_iter()
+                        .flatten()
+                        .collect()
+                }
+            };
+        let of = |x: &Vector3<f64>| {
+            let [surface, border] = [&quadric, &border].map(|q| q.error(x) / q.weight.max(1e-12));
+            surface.max(border)
         };
-        let of = |x: &Vector3<f64>| quadric.error(x) / quadric.weight.max(1e-12);
-        places.into_iter().map(|x| (x, of(&x))).min_by(|a, b| a.1.total_cmp(&b.1))
+        places
+            .into_iter()
+            .map(|x| (x, of(&x)))
+            .min_by(|a, b| a.1.total_cmp(&b.1))
     }
 
     fn candidate(&self, a: u32, b: u32, tolerance_m: f64) -> Option<Candidate> {
@@ -147,8 +190,9 @@ impl Work {
             return false;
         };
         let (of_a, of_b) = (self.neighbors(a), self.neighbors(b));
-        // A surface without folds shares the two vertices opposite to the edge only.
-        if of_a.iter().filter(|i| of_b.binary_search(i).is_ok()).count() != 2 {
+        // A surface without folds shares the vertices opposite to the edge only.
+        let shared = || of_a.iter().filter(|i| of_b.binary_search(i).is_ok());
+        if shared().count() != self.sides(a, b) || shared().any(|c| !self.remains(*c, a, b)) {
             return false;
         }
         for i in [a, b] {
@@ -178,19 +222,40 @@ impl Work {
         self.around[a as usize].sort_unstable();
         self.positions[a as usize] = target;
         self.quadrics[a as usize] = self.quadrics[a as usize].sum(&self.quadrics[b as usize]);
+        self.borders[a as usize] = self.borders[a as usize].sum(&self.borders[b as usize]);
         self.is_border[a as usize] |= self.is_border[b as usize];
         self.changes[a as usize] += self.changes[b as usize] + 1;
         true
     }
 
+    /// Whether a vertex opposite to an edge has a triangle with one end of it only.
+    fn remains(&self, opposite: u32, a: u32, b: u32) -> bool {
+        self.around[opposite as usize].iter().any(|number| {
+            let triangle = self.triangles[*number as usize];
+            triangle.contains(&a) != triangle.contains(&b)
+        })
+    }
+
     fn keeps_shape(&self, triangle: [u32; 3], moved: u32, target: &Vector3<f64>) -> bool {
         let before = triangle.map(|i| self.positions[i as usize]);
-        let after = triangle.map(|i| if i == moved { *target } else { self.positions[i as usize] });
+        let after = triangle.map(|i| {
+            if i == moved {
+                *target
+            } else {
+                self.positions[i as usize]
+            }
+        });
         let doubled = |[a, b, c]: [Vector3<f64>; 3]| (b - a).cross(&(c - a));
+        let shape = |corners: [Vector3<f64>; 3]| {
+            let [a, b, c] = corners;
+            let sides = [b - a, c - b, a - c].map(|side| side.norm_squared());
+            let longest = sides.into_iter().fold(0.0, f64::max);
+            0.5 * doubled(corners).norm() / longest.max(1e-18)
+        };
         let [n, m] = [doubled(before), doubled(after)];
-        let [a, b, c] = after;
-        let longest = (b - a).norm_squared().max((c - b).norm_squared()).max((a - c).norm_squared());
-        m.norm() >= 2.0 * MIN_SHAPE * longest && n.dot(&m) >= MIN_TURN_COS * n.norm() * m.norm()
+        // Vertices that were snapped to an edge have triangles without area beside them.
+        shape(after) >= MIN_SHAPE.min(shape(before))
+            && n.dot(&m) >= MIN_TURN_COS * n.norm() * m.norm()
     }
 
     fn finish(self, mesh: &Mesh) -> Mesh {
@@ -199,7 +264,11 @@ impl Work {
             *position = [moved.x, moved.y, moved.z].map(|v| v as f32);
         }
         simplified.triangles = self.triangles;
-        let vertices: Vec<bool> = self.around.iter().map(|around| !around.is_empty()).collect();
+        let vertices: Vec<bool> = self
+            .around
+            .iter()
+            .map(|around| !around.is_empty())
+            .collect();
         let triangles: Vec<bool> = self.is_gone.iter().map(|is_gone| !is_gone).collect();
         simplified.retain(&vertices, &triangles);
         simplified

@@ -27,13 +27,20 @@ impl<'a> HeightIndex<'a> {
             let corners = triangle.map(|i| mesh.positions[i as usize].map(f64::from));
             let range = |k: usize| {
                 let low = corners.iter().map(|p| p[k]).fold(f64::INFINITY, f64::min);
-                let high = corners.iter().map(|p| p[k]).fold(f64::NEG_INFINITY, f64::max);
+                let high = corners
+                    .iter()
+                    .map(|p| p[k])
+                    .fold(f64::NEG_INFINITY, f64::max);
                 index.cell(low - 1e-3)..=index.cell(high + 1e-3)
             };
             let (columns, rows) = (range(0), range(1));
             for row in rows {
                 for column in columns.clone() {
-                    index.columns.entry(key(column, row)).or_default().push(number as u32);
+                    index
+                        .columns
+                        .entry(key(column, row))
+                        .or_default()
+                        .push(number as u32);
                 }
             }
         }
@@ -49,7 +56,10 @@ impl<'a> HeightIndex<'a> {
         let triangles = self.columns.get(&key(self.cell(x), self.cell(y)))?;
         let heights = triangles.iter().filter_map(|number| {
             let triangle = self.mesh.triangles[*number as usize];
-            height(triangle.map(|i| self.mesh.positions[i as usize].map(f64::from)), [x, y])
+            height(
+                triangle.map(|i| self.mesh.positions[i as usize].map(f64::from)),
+                [x, y],
+            )
         });
         heights.min_by(|a, b| (a - z).abs().total_cmp(&(b - z).abs()))
     }

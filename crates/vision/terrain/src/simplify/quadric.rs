@@ -25,8 +25,14 @@ impl Quadric {
 
     pub(super) fn sum(&self, other: &Self) -> Self {
         let mut sum = *self;
-        sum.square.iter_mut().zip(other.square).for_each(|(a, b)| *a += b);
-        sum.linear.iter_mut().zip(other.linear).for_each(|(a, b)| *a += b);
+        sum.square
+            .iter_mut()
+            .zip(other.square)
+            .for_each(|(a, b)| *a += b);
+        sum.linear
+            .iter_mut()
+            .zip(other.linear)
+            .for_each(|(a, b)| *a += b);
         sum.constant += other.constant;
         sum.weight += other.weight;
         sum
@@ -50,7 +56,9 @@ impl Quadric {
         if matrix.determinant() < 1e-3 * scale * scale * scale {
             return None;
         }
-        matrix.try_inverse().map(|inverse| inverse * -Vector3::from(self.linear))
+        matrix
+            .try_inverse()
+            .map(|inverse| inverse * -Vector3::from(self.linear))
     }
 }
 
@@ -60,15 +68,25 @@ mod tests {
 
     #[test]
     fn the_corner_of_three_planes_has_no_error() {
-        let planes = [(Vector3::x(), 1.0), (Vector3::y(), 2.0), (Vector3::z(), -0.5)];
-        let sum = planes.iter().fold(Quadric::default(), |sum, (normal, offset)| {
-            sum.sum(&Quadric::of_plane(normal, *offset, 2.0))
-        });
+        let planes = [
+            (Vector3::x(), 1.0),
+            (Vector3::y(), 2.0),
+            (Vector3::z(), -0.5),
+        ];
+        let sum = planes
+            .iter()
+            .fold(Quadric::default(), |sum, (normal, offset)| {
+                sum.sum(&Quadric::of_plane(normal, *offset, 2.0))
+            });
         let corner = sum.minimum().unwrap();
         assert!((corner - Vector3::new(1.0, 2.0, -0.5)).norm() < 1e-12);
         assert!(sum.error(&corner) < 1e-12);
         // A metre from one plane, with its weight.
         assert!((sum.error(&Vector3::new(2.0, 2.0, -0.5)) - 2.0).abs() < 1e-12);
-        assert!(Quadric::of_plane(&Vector3::z(), 0.0, 1.0).minimum().is_none());
+        assert!(
+            Quadric::of_plane(&Vector3::z(), 0.0, 1.0)
+                .minimum()
+                .is_none()
+        );
     }
 }
