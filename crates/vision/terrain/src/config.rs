@@ -171,4 +171,35 @@ config! {
         /// See `first_tolerance_m`.
         pub last_tolerance_m: f64 = 0.016,
     }
+
+    /// Constants of [`collision_parts`](crate::convex::collision_parts).
+    pub struct ConvexConfig {
+        /// Area that a part may cover beyond what was observed, as a share of its own and in m2; the
+        /// larger applies. More gives fewer parts and larger errors.
+        pub max_uncovered_share: f64 = 0.02,
+        /// See `max_uncovered_share`.
+        pub max_uncovered_m2: f64 = 0.002,
+        /// Minimum area of a plane without edges that gets parts, m2. Smaller ones are facets of rough
+        /// ground, which the height layer shows better.
+        pub min_plane_m2: f64 = 0.3,
+        /// Minimum area of a part, m2.
+        pub min_part_m2: f64 = 0.002,
+        /// Maximum number of corners of a part.
+        pub max_corners: usize = 16,
+        /// Thickness of the parts of ground, m: bodies fall through thin ones.
+        pub ground_thickness_m: f64 = 0.20,
+        /// Thickness of the parts of risers and walls, m: a wall may be thin.
+        pub wall_thickness_m: f64 = 0.05,
+        /// Minimum cosine of the slope of ground: 45 degrees.
+        pub min_ground_cos: f64 = 0.71,
+        /// Distance within which the border of a part is moved to an edge, m.
+        pub edge_reach_m: f64 = 0.03,
+        /// Overlap of parts below their surface, m: a body that slides over flush ones would catch at
+        /// their seams.
+        pub overlap_m: f64 = 0.01,
+        /// Depth of the height layer below parts of planes, m.
+        pub layer_gap_m: f64 = 0.05,
+        /// Maximum distance of a cell's height from the plane that stands for it, m.
+        pub max_plane_distance_m: f64 = 0.03,
+    }
 }

@@ -4,7 +4,7 @@
 //! [`planes`] finds planes in the mesh and refits them to the depths themselves; [`edges`] are where
 //! they meet or end, and the heights of steps.
 //! [`maps`] are grids of each walkable level, for foothold planning. [`simplify`] removes triangles
-//! that feet do not need, and [`export`] writes meshes. [`evaluate`] compares results with ground truth.
+//! that feet do not need, [`convex`] makes parts for physics, and [`export`] writes meshes. [`evaluate`] compares results with ground truth.
 //!
 //! Frames: the world has z up; a view has x right, y down, z along its optical axis. Metres,
 //! radians, seconds, pixels. The same input gives the same bytes on any number of threads. Nothing
@@ -13,6 +13,7 @@
 #![forbid(unsafe_code)]
 
 mod config;
+pub mod convex;
 pub mod edges;
 mod error;
 pub mod evaluate;
@@ -24,6 +25,8 @@ pub mod planes;
 pub mod simplify;
 mod view;
 
-pub use config::{EdgeConfig, FusionConfig, MapConfig, MeshConfig, PlaneConfig, SimplifyConfig};
+pub use config::{
+    ConvexConfig, EdgeConfig, FusionConfig, MapConfig, MeshConfig, PlaneConfig, SimplifyConfig,
+};
 pub use error::TerrainError;
 pub use view::{DepthView, PixelClass, RowMotion};
