@@ -10,8 +10,8 @@ config! {
         /// Edge of a voxel, m. Planes and edges are refitted to the depths themselves, so the voxel
         /// determines only how rough ground is sampled, and memory and time.
         pub voxel_m: f64 = 0.02,
-        /// Sigma along the normal of an observation of weight 1, m. Half of it is the least sigma of
-        /// an observation.
+        /// Sigma along the normal of an observation of weight 1, m. Half of it is the least sigma
+        /// of an observation.
         pub unit_sigma_m: f64 = 0.005,
         /// Distance in front of a surface up to which voxels are updated, in voxels and in sigmas;
         /// the larger applies.
@@ -97,7 +97,8 @@ config! {
 
     /// Constants of [`find_edges`](crate::edges::find_edges).
     pub struct EdgeConfig {
-        /// Minimum angle of two planes that meet in an edge, rad: 30 degrees. Less is smooth ground.
+        /// Minimum angle of two planes that meet in an edge, rad: 30 degrees. Less is smooth
+        /// ground.
         pub min_angle_rad: f64 = 0.52,
         /// Maximum distance of the support of a plane from its edge, m.
         pub max_support_gap_m: f64 = 0.04,
@@ -174,13 +175,13 @@ config! {
 
     /// Constants of [`collision_parts`](crate::convex::collision_parts).
     pub struct ConvexConfig {
-        /// Area that a part may cover beyond what was observed, as a share of its own and in m2; the
-        /// larger applies. More gives fewer parts and larger errors.
+        /// Area that a part may cover beyond what was observed, as a share of its own and in m2;
+        /// the larger applies. More gives fewer parts and larger errors.
         pub max_uncovered_share: f64 = 0.02,
         /// See `max_uncovered_share`.
         pub max_uncovered_m2: f64 = 0.002,
-        /// Minimum area of a plane without edges that gets parts, m2. Smaller ones are facets of rough
-        /// ground, which the height layer shows better.
+        /// Minimum area of a plane without edges that gets parts, m2. Smaller ones are facets of
+        /// rough ground, which the height layer shows better.
         pub min_plane_m2: f64 = 0.3,
         /// Minimum area of a part, m2.
         pub min_part_m2: f64 = 0.002,
@@ -194,8 +195,8 @@ config! {
         pub min_ground_cos: f64 = 0.71,
         /// Distance within which the border of a part is moved to an edge, m.
         pub edge_reach_m: f64 = 0.03,
-        /// Overlap of parts below their surface, m: a body that slides over flush ones would catch at
-        /// their seams.
+        /// Overlap of parts below their surface, m: a body that slides over flush ones would catch
+        /// at their seams.
         pub overlap_m: f64 = 0.01,
         /// Depth of the height layer below parts of planes, m.
         pub layer_gap_m: f64 = 0.05,

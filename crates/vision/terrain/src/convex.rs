@@ -1,10 +1,10 @@
 //! Convex parts for physics: prisms of planes, and a height layer for ground that is not plane.
 //!
 //! Contract: the surface of a prism is its plane, exact in height, with borders on the edges of the
-//! plane. The height layer is lower than the prisms wherever one covers it, and steps beside them do
-//! not smear into it. Where nothing was seen there is neither. The collision surface at a place is
-//! the higher one. [`CollisionReport`] compares it with the maps. Things that are not plane and not
-//! ground have no parts.
+//! plane. The height layer is lower than the prisms wherever one covers it, and steps beside them
+//! do not smear into it. Where nothing was seen there is neither. The collision surface at a place
+//! is the higher one. [`CollisionReport`] compares it with the maps. Things that are not plane and
+//! not ground have no parts.
 
 use std::collections::BTreeMap;
 
@@ -153,7 +153,7 @@ fn height_layer(
     config: &ConvexConfig,
 ) -> HeightLayer {
     let mut heights = level.elevation.clone();
-    for index in 0..heights.len() {
+    for (index, layer_height) in heights.iter_mut().enumerate() {
         if !level.has_height(index) {
             continue;
         }
@@ -162,12 +162,12 @@ fn height_layer(
             .heights(planes, parts, level.center(index))
             .any(|height| (height - elevation).abs() <= config.max_plane_distance_m);
         if is_covered {
-            // Below the lowest ground around, so that the slope to it stays below a tread.
+            // Below the lowest ground around, so that the slope to it is below a tread.
             let around = level
                 .near(index, 1.5 * level.cell_m)
                 .map(|(other, _)| level.lower[other]);
             let lowest = around.fold(level.lower[index], f32::min);
-            heights[index] = lowest - config.layer_gap_m as f32;
+            *layer_height = lowest - config.layer_gap_m as f32;
         }
     }
     HeightLayer {

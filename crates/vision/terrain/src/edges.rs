@@ -35,8 +35,8 @@ pub fn find_edges(planes: &Planes, config: &EdgeConfig) -> Vec<Edge> {
         .filter(|(_, plane)| plane.frame.normal.z >= config.min_ground_cos)
         .map(|(number, plane)| (number, intersection::bounds(plane, 0.0)))
         .collect();
-    for i in 0..edges.len() {
-        edges[i].step = steps::step(planes, &ground, &edges[i], config);
+    for edge in &mut edges {
+        edge.step = steps::step(planes, &ground, edge, config);
     }
     edges
 }

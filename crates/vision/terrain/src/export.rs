@@ -1,6 +1,7 @@
 //! Meshes as the bytes of files: PLY, OBJ and glTF binary.
 //!
-//! Coordinates are those of the world, z up, in metres; only glTF has y up, as its standard demands.
+//! Coordinates are those of the world, z up, in metres; only glTF has y up, as its standard
+//! demands.
 
 use crate::mesh::Mesh;
 

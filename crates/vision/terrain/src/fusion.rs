@@ -1,10 +1,10 @@
 //! Fusion of depth images to a truncated signed distance field (TSDF) in hashed voxel blocks.
 //!
-//! Contract: a voxel holds the weighted mean of its signed distances from the surfaces of the views,
-//! measured along their normals, positive outside. Weights are inverse variances along the normal.
-//! Surfaces that several views see through fade. Space that no view saw has no voxels, so memory
-//! grows with the area of the surfaces, not with the number of views. The result depends on the
-//! order of the views, but not on the number of threads. An invalid view changes nothing.
+//! Contract: a voxel holds the weighted mean of its signed distances from the surfaces of the
+//! views, measured along their normals, positive outside. Weights are inverse variances along the
+//! normal. Surfaces that several views see through fade. Space that no view saw has no voxels, so
+//! memory grows with the area of the surfaces, not with the number of views. The result depends on
+//! the order of the views, but not on the number of threads. An invalid view changes nothing.
 
 use cad_transforms::RigidTransform;
 
@@ -34,7 +34,8 @@ use integration::Integration;
 /// use terrain::{DepthView, FusionConfig, RowMotion};
 ///
 /// let (depth_m, sigma_m) = (vec![1.0; 64 * 48], vec![0.005; 64 * 48]);
-/// let down = RigidTransform::from_rotation_vector([std::f64::consts::PI, 0.0, 0.0], [0.0, 0.0, 1.0])?;
+/// let half = [std::f64::consts::PI, 0.0, 0.0];
+/// let down = RigidTransform::from_rotation_vector(half, [0.0, 0.0, 1.0])?;
 /// let view = DepthView {
 ///     size: [64, 48],
 ///     focal_px: [60.0; 2],

@@ -1,9 +1,10 @@
 //! Removal of triangles that feet do not need.
 //!
-//! Contract: edges collapse in the order of their quadric error (Garland and Heckbert 1997), borders
-//! keep their place within the tolerance, holes stay holes, and triangles never turn over. [`simplify`] doubles the tolerance as long as
-//! the heights at the vertices of the dense mesh, measured on the simplified one, keep within the
-//! limits: the quadric error alone is no bound. The image may get coarser than the feet notice.
+//! Contract: edges collapse in the order of their quadric error (Garland and Heckbert 1997),
+//! borders keep their place within the tolerance, holes stay holes, and triangles never turn over.
+//! [`simplify`] doubles the tolerance as long as the heights at the vertices of the dense mesh,
+//! measured on the simplified one, keep within the limits: the quadric error alone is no bound. The
+//! image may get coarser than the feet notice.
 
 use crate::config::SimplifyConfig;
 use crate::evaluate::ErrorQuantiles;

@@ -53,7 +53,7 @@ fn stairs_need_few_triangles() {
                 .all(|i| (*i as usize) < simplified.positions.len())
         );
     }
-    // The area stays: nothing folds and no hole opens.
+    // The area remains: nothing folds and no hole opens.
     let area = |mesh: &Mesh| mesh.triangles.iter().map(|t| mesh.area_m2(*t)).sum::<f64>();
     assert!((area(&simplified) / area(&mesh) - 1.0).abs() < 0.03);
 }

@@ -38,7 +38,7 @@ struct Score {
     within: usize,
 }
 
-/// Compares steps of edges across the way with the stairs of `count` risers.
+/// Compares steps of edges across the path with the stairs of `count` risers.
 fn score(edges: &[Edge], count: usize) -> Score {
     let mut score = Score {
         expected: count,

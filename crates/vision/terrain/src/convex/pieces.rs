@@ -111,12 +111,17 @@ impl Cells {
         let limit = config
             .max_uncovered_m2
             .max(config.max_uncovered_share * area(&hull) * cell_m2);
-        if depth < MAX_DEPTH && self.uncovered(rectangle, &hull) * cell_m2 > limit {
-            if let Some([first, second]) = self.best_cut(rectangle) {
-                self.divide(plane, first, depth + 1, config, found);
-                self.divide(plane, second, depth + 1, config, found);
-                return;
-            }
+        let is_convex = self.uncovered(rectangle, &hull) * cell_m2 <= limit;
+        let is_final = is_convex || depth == MAX_DEPTH;
+        let cut = if is_final {
+            None
+        } else {
+            self.best_cut(rectangle)
+        };
+        if let Some([first, second]) = cut {
+            self.divide(plane, first, depth + 1, config, found);
+            self.divide(plane, second, depth + 1, config, found);
+            return;
         }
         let to_plane =
             |at: &[f64; 2]| [0, 1].map(|k| (f64::from(plane.support.from[k]) + at[k]) * cell_m);

@@ -82,7 +82,7 @@ pub(super) fn plane_ends(
                 continue;
             }
             let [from, to] = [from, to].map(|t| plane.frame.position(line.point(t)));
-            // Points of neighboring pixels are not independent: some ten lines of sight.
+            // Points of neighboring pixels are not independent: one in ten is.
             let scatter = (square / f64::max(weight, 1.0) / 10.0).sqrt();
             edges.push(Edge {
                 kind: EdgeKind::End,

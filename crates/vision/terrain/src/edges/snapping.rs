@@ -6,8 +6,8 @@ use super::edge::{Edge, EdgeKind};
 use crate::mesh::Mesh;
 use crate::planes::Planes;
 
-/// Moves vertices of planes onto them, and vertices of no plane within a radius of an edge where two
-/// planes meet onto it. Others, those of rough ground for one, remain.
+/// Moves vertices of planes onto them, and vertices of no plane within a radius of an edge where
+/// two planes meet onto it. Others, those of rough ground for one, remain.
 ///
 /// The planes must be those of the mesh.
 pub fn snap(mesh: &mut Mesh, planes: &Planes, edges: &[Edge], radius_m: f64) {

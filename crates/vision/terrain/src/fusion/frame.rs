@@ -1,9 +1,9 @@
 //! A depth image prepared for fusion: normals, sigmas along them, usable pixels.
 //!
-//! Inverse depth is affine in pixel coordinates on a plane, so the normal of a cell of pixels follows
-//! from a fit of inverse depths of the cells around it. The distance of a voxel from the surface of a
-//! pixel is measured along that normal: along the ray it would be too long on ground seen at a
-//! shallow angle.
+//! Inverse depth is affine in pixel coordinates on a plane, so the normal of a cell of pixels
+//! follows from a fit of inverse depths of the cells around it. The distance of a voxel from the
+//! surface of a pixel is measured along that normal: along the ray it would be too long on ground
+//! seen at a shallow angle.
 
 use rayon::prelude::*;
 
@@ -192,7 +192,8 @@ impl<'a> Frame<'a> {
         let (uq, vq) = (uq - u * q, vq - v * q);
         let determinant = uu * vv - uv * uv;
         let side = self.cell_px as f64;
-        // Cells on a line, or a single one: a square of two by two has a quarter for both variances.
+        // Cells on a line, or a single one: a square of two by two has a quarter for both
+        // variances.
         if determinant < 0.01 * side.powi(4) {
             return cell;
         }
@@ -253,8 +254,8 @@ impl<'a> Frame<'a> {
             let inverse =
                 cell.inverse + a * (column as f32 - cell.at[0]) + b * (row as f32 - cell.at[1]);
             let max_step = step(config, depth, sigma);
-            // The deviation of the depth from the plane, by the product with the inverse depth. False
-            // where the plane is behind the camera.
+            // The deviation of the depth from the plane, by the product with the inverse depth.
+            // False where the plane is behind the camera.
             if !(inverse > 0.0 && (depth * inverse - 1.0).abs() <= max_step * inverse) {
                 continue;
             }
@@ -262,8 +263,8 @@ impl<'a> Frame<'a> {
             let n = cell.normal;
             let cos = -(n[0] * ray_x + n[1] * ray_y + n[2]);
             let is_shallow = cos * cos < min_cos * min_cos * (1.0 + ray_x * ray_x + ray_y * ray_y);
-            // The sigma at the depth of the plane: that of stereo grows with the square of the depth,
-            // and depths that are too small by chance must not count more.
+            // The sigma at the depth of the plane: that of stereo grows with the square of the
+            // depth, and depths that are too small by chance must not count more.
             let relative = 1.0 / (depth * inverse);
             let along = sigma * relative * relative * cos;
             let variance = along * along + floor;

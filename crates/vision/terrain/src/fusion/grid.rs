@@ -51,6 +51,7 @@ impl Hasher for KeyHasher {
 pub(crate) type KeyMap<T> = HashMap<u64, T, BuildHasherDefault<KeyHasher>>;
 
 /// All blocks of a volume.
+#[expect(clippy::vec_box, reason = "a vector that grows must not copy blocks")]
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Grid {
     blocks: Vec<Box<Block>>,

@@ -1,5 +1,5 @@
-//! Least and greatest depth of areas of an image, by a pyramid: blocks that a view cannot change are
-//! skipped as a whole.
+//! Least and greatest depth of areas of an image, by a pyramid: blocks that a view cannot change
+//! are skipped as a whole.
 
 use super::frame::Cell;
 

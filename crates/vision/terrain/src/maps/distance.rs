@@ -90,7 +90,8 @@ fn refine(level: &mut Level, edges: &[Edge]) {
     }
 }
 
-/// Squared distances from the zeros of a grid, in squared nodes (Felzenszwalb and Huttenlocher 2012).
+/// Squared distances from the zeros of a grid, in squared nodes (Felzenszwalb and Huttenlocher
+/// 2012).
 fn transform(squares: &mut [f64], [width, height]: [usize; 2]) {
     let mut line = Vec::new();
     for x in 0..width {

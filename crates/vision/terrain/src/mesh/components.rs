@@ -1,6 +1,6 @@
 //! Connected parts of a mesh.
 
-use super::Mesh;
+use super::triangles::Mesh;
 
 /// Sets of connected vertices (union-find with path halving).
 struct Sets(Vec<u32>);

@@ -139,8 +139,8 @@ impl Part<'_> {
             let height = frame.normal.dot(&(x - frame.origin));
             let slope = frame.normal.dot(&ray);
             let cos = slope.abs();
-            // The sigma at the depth of the plane: it grows with the square of the depth, and depths
-            // that are too small by chance must not count more.
+            // The sigma at the depth of the plane: it grows with the square of the depth, and
+            // depths that are too small by chance must not count more.
             let predicted = 1.0 + height / (cos.max(0.05) * f64::from(depth));
             let along = f64::from(sigma) * predicted * predicted * cos;
             if slope > -0.05 || along > self.config.max_sigma_m {

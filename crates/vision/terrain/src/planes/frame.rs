@@ -38,7 +38,7 @@ impl PlaneFrame {
         self.origin + self.u * s + self.v * t
     }
 
-    /// Turned and moved so that the plane is at this height above the present one: at the origin,
+    /// Rotated and displaced so that the plane is at this height above the present one: at the origin,
     /// and per metre along both axes.
     pub(crate) fn adjusted(&self, height: [f64; 3]) -> Self {
         let normal = (self.normal - self.u * height[1] - self.v * height[2]).normalize();

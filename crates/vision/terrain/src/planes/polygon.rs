@@ -26,8 +26,8 @@ impl Polygon {
     }
 }
 
-/// Outlines of the marked cells of a grid; corners deviate by at most a tolerance. The largest comes
-/// first.
+/// Outlines of the marked cells of a grid; corners deviate by at most a tolerance. The largest
+/// comes first.
 pub(crate) fn outlines(grid: &SupportGrid, mask: &[bool], tolerance_m: f64) -> Vec<Polygon> {
     let mut loops: Vec<Vec<[f64; 2]>> = trace(grid, mask)
         .into_iter()
@@ -104,10 +104,7 @@ fn trace(grid: &SupportGrid, mask: &[bool]) -> Vec<Vec<[f64; 2]>> {
     while let Some((start, directions)) = leaving.first_key_value() {
         let (start, mut direction) = (*start, directions.trailing_zeros() as usize);
         let (mut at, mut corners) = (start, Vec::new());
-        loop {
-            let Some(rest) = leaving.get_mut(&at) else {
-                break;
-            };
+        while let Some(rest) = leaving.get_mut(&at) {
             // Cells that touch at a corner are apart: turn left first.
             let turns = [direction + 1, direction, direction + 3];
             let Some(next) = turns
@@ -185,7 +182,8 @@ mod tests {
         for (x, y) in all {
             let is_hole = (4..6).contains(&x) && (3..5).contains(&y);
             // A separate cell that touches at a corner.
-            if !is_hole && !(x == 11 && y < 7) && !(x < 11 && y == 7) {
+            let is_apart = (x == 11 && y < 7) || (x < 11 && y == 7);
+            if !is_hole && !is_apart {
                 grid.add([0.1 * f64::from(x) + 0.05, 0.1 * f64::from(y) + 0.05]);
             }
         }

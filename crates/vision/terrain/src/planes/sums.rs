@@ -81,8 +81,8 @@ impl ViewSums {
         (0.5 * (reduced + reduced.transpose()), reduction * right)
     }
 
-    /// Height of the view's own plane at coordinates and its variance, with the tilt of the plane of
-    /// all views as prior.
+    /// Height of the view's own plane at coordinates and its variance, with the tilt of the plane
+    /// of all views as prior.
     pub(crate) fn height_at(
         &self,
         correlated_px: f64,

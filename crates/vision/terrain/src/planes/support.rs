@@ -69,7 +69,8 @@ impl SupportGrid {
             .collect()
     }
 
-    /// A mask after a number of steps of growing (`true`) or shrinking by a cell to all eight sides.
+    /// A mask after a number of steps of growing (`true`) or shrinking by a cell to all eight
+    /// sides.
     pub(crate) fn grown(&self, mask: &[bool], steps: usize, grows: bool) -> Vec<bool> {
         let [width, height] = self.size;
         let mut mask = mask.to_vec();

@@ -16,9 +16,8 @@ const MIN_SHAPE: f64 = 0.02;
 /// An edge that may collapse. Ordered by error, then by its vertices.
 type Candidate = Reverse<(u64, u32, u32, u32)>;
 
-/// The mesh with edges collapsed up to a root mean square distance from the planes of its triangles,
-/// m.
-/// Borders collapse along themselves only.
+/// The mesh with edges collapsed up to a root mean square distance from the planes of its
+/// triangles, m. Borders collapse along themselves only.
 pub fn collapse(mesh: &Mesh, tolerance_m: f64) -> Mesh {
     let mut work = Work::new(mesh);
     let mut heap: BinaryHeap<Candidate> = BinaryHeap::new();
@@ -49,7 +48,7 @@ struct Work {
     /// Quadrics of the borders: apart, so that the area around does not hide their error.
     borders: Vec<Quadric>,
     is_border: Vec<bool>,
-    /// Triangles of each vertex; empty for vertices that are gone.
+    /// Triangles of each vertex; empty for removed vertices.
     around: Vec<Vec<u32>>,
     triangles: Vec<[u32; 3]>,
     is_gone: Vec<bool>,
@@ -126,7 +125,7 @@ impl Work {
             .count()
     }
 
-    /// Sum of the changes of two vertices, `None` if one is gone.
+    /// Sum of the changes of two vertices, `None` if one was removed.
     fn stamp(&self, a: u32, b: u32) -> Option<u32> {
         let is_there = |i: u32| !self.around[i as usize].is_empty();
         (is_there(a) && is_there(b)).then(|| self.changes[a as usize] + self.changes[b as usize])

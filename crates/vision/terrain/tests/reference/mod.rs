@@ -248,7 +248,8 @@ fn plane(
 
 type CellMean = (Vec<[f64; 3]>, f64, f64);
 
-/// Column, row, inverse depth of the pixels of a cell on the surface at its center; depth and sigma.
+/// Column, row, inverse depth of the pixels of a cell on the surface at its center; depth and
+/// sigma.
 fn cell_mean(
     config: &FusionConfig,
     view: &DepthView<'_>,

@@ -288,7 +288,7 @@ pub fn shoot(
 }
 
 /// Views of a person who climbs stairs: a camera 1.2 m above the feet, pitched down, every 0.2 m of
-/// the way from `from` to `to` (in x), heading along x if `to` is larger, else against it.
+/// the path from `from` to `to` (in x), heading along x if `to` is larger, else against it.
 pub fn climb(
     scene: &Scene,
     camera: Camera,
