@@ -79,16 +79,17 @@ config! {
         pub max_sigma_m: f64 = 0.025,
         /// Maximum distance of a depth from its plane, in combined sigmas.
         pub max_depth_sigmas: f64 = 3.0,
-        /// Number of neighboring pixels that share their errors: windows of the matcher.
-        pub correlated_px: f64 = 9.0,
+        /// Number of samples of a plane that share their errors: windows of the matcher. Samples are
+        /// every second column and row.
+        pub correlated_samples: f64 = 4.0,
         /// One standard deviation of the rotation of a view relative to others, rad.
         pub view_tilt_sigma_rad: f64 = 0.002,
         /// Share of a view's sigma that is common to all of its pixels: calibration.
         pub common_ratio: f64 = 0.3,
         /// Maximum chi-square per depth of a plane. Above, the surface is not plane.
         pub max_chi_square: f64 = 1.8,
-        /// Minimum number of depths of a plane in a view.
-        pub min_view_depths: u32 = 60,
+        /// Minimum number of samples of a plane in a view.
+        pub min_view_depths: u32 = 20,
         /// Edge of a cell of a plane's support, m: about three pixels.
         pub support_cell_m: f64 = 0.01,
         /// Minimum number of depths in such a cell.

@@ -28,7 +28,7 @@ pub(crate) mod support;
 pub use plane::Plane;
 pub use polygon::Polygon;
 
-use assignment::{Extent, Lookup, assign};
+use assignment::{Assigner, Extent, Lookup};
 use sums::ViewSums;
 use support::SupportGrid;
 
@@ -118,7 +118,14 @@ impl PlaneRefiner {
     /// [`TerrainError::ImageSize`] and [`TerrainError::View`].
     pub fn add(&mut self, view: &DepthView<'_>) -> Result<(), TerrainError> {
         view.validate()?;
-        let assignment = assign(&self.config, &self.extents, &self.lookup, view);
+        let assigner = Assigner {
+            config: &self.config,
+            extents: &self.extents,
+            lookup: &self.lookup,
+            view,
+        };
+        let assignment = assigner.run();
+        let ends = ends::ends(&assigner, &assignment);
         for (plane, sums) in &assignment.sums {
             let of_plane = &mut self.sums[usize::from(*plane)];
             match of_plane.last_mut().filter(|last| last.view == self.views) {
@@ -133,7 +140,7 @@ impl PlaneRefiner {
         for (plane, at) in &assignment.hits {
             self.supports[usize::from(*plane)].add(at.map(f64::from));
         }
-        for (plane, at) in ends::ends(&self.extents, view, &assignment.labels) {
+        for (plane, at) in ends {
             if let Some(cell) = self.supports[usize::from(plane)].index(at) {
                 let (sum, count) = self.ends[usize::from(plane)]
                     .entry(cell as u32)
@@ -184,7 +191,7 @@ fn fitted(
     let (mut square, mut freedom, mut depths) = (0.0, 0.0, 0);
     for view in &sums {
         let (of_matrix, of_right) = view.marginalized(
-            config.correlated_px,
+            config.correlated_samples,
             config.common_ratio,
             config.view_tilt_sigma_rad,
         );

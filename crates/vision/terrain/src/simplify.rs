@@ -52,7 +52,9 @@ pub fn simplify(mesh: &Mesh, config: &SimplifyConfig) -> (Mesh, SimplifyReport) 
     let mut best = (mesh.clone(), report(0.0, mesh));
     let mut tolerance_m = config.first_tolerance_m;
     while tolerance_m <= config.last_tolerance_m * (1.0 + 1e-9) {
-        let simplified = collapse(mesh, tolerance_m);
+        // From the last result: each round has fewer triangles, and errors are against the dense
+        // mesh.
+        let simplified = collapse(&best.0, tolerance_m);
         let of = report(tolerance_m, &simplified);
         let is_beyond = of.beyond_share > config.max_beyond_share;
         if is_beyond || of.height_errors.p95_m > config.max_height_p95_m {
@@ -66,6 +68,8 @@ pub fn simplify(mesh: &Mesh, config: &SimplifyConfig) -> (Mesh, SimplifyReport) 
 
 /// Sideways displacement of an edge that a foot does not notice, m.
 const SIDEWAYS_M: f64 = 0.004;
+/// Error that is small enough not to look sideways, m.
+const SURE_M: f64 = 0.001;
 
 /// Heights of a mesh above the upward vertices of another one, the least one within 4 mm. A vertex
 /// without surface there counts with half a metre.
@@ -80,10 +84,14 @@ fn errors(dense: &Mesh, simplified: &Mesh, min_ground_cos: f64) -> Vec<f64> {
     let steps = [[0.0, 0.0], [1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]];
     let error = |(p, _): (&[f32; 3], &[f32; 3])| {
         let [x, y, z] = p.map(f64::from);
-        let errors = steps.iter().filter_map(|[dx, dy]| {
+        let at = |[dx, dy]: [f64; 2]| {
             let height = index.nearest_height([x + SIDEWAYS_M * dx, y + SIDEWAYS_M * dy, z])?;
             Some(height - z)
-        });
+        };
+        if let Some(error) = at(steps[0]).filter(|error| error.abs() < SURE_M) {
+            return error;
+        }
+        let errors = steps.into_iter().filter_map(at);
         errors
             .min_by(|a, b| a.abs().total_cmp(&b.abs()))
             .unwrap_or(0.5)

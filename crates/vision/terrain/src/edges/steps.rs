@@ -154,7 +154,7 @@ fn height_in_views(
         let pair = [upper, &of[1].sums[position]];
         let heights = [0, 1].map(|k| {
             let [s, t, _] = coordinates[k];
-            pair[k].height_at(config.correlated_px, tilt, &of[k].height, [s, t])
+            pair[k].height_at(config.correlated_samples, tilt, &of[k].height, [s, t])
         });
         let [Some((h0, v0)), Some((h1, v1))] = heights else {
             continue;

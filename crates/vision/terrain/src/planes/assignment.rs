@@ -14,7 +14,9 @@ use crate::view::{DepthView, PixelClass};
 const CELL_M: f64 = 0.1;
 /// Distance of a depth from the vertices of its plane, m: more than its gate.
 const MARGIN_M: f64 = 0.08;
-/// Rows that one task works on.
+/// Every second column and row is assigned: neighboring pixels share most of their errors.
+pub(crate) const STRIDE: usize = 2;
+/// Sampled rows that one task works on.
 const ROWS: usize = 16;
 /// A pixel of no plane.
 pub(crate) const NONE: u16 = u16::MAX;
@@ -59,10 +61,24 @@ impl Lookup {
     }
 }
 
-/// What a view tells of planes.
+/// A depth of a plane.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Hit {
+    pub(crate) plane: u16,
+    /// Coordinates where the ray meets the plane, and height of the depth above it.
+    at: [f64; 3],
+    /// One standard deviation along the normal, m.
+    sigma: f64,
+    /// Whether the ray ends at this plane for certain.
+    is_certain: bool,
+}
+
+/// What a view shows of planes.
 #[derive(Debug, Default)]
 pub(crate) struct Assignment {
-    /// Plane of each pixel.
+    /// Columns of samples.
+    pub(crate) columns: usize,
+    /// Plane of each sample.
     pub(crate) labels: Vec<u16>,
     /// Normal equations of planes, in the order of rows.
     pub(crate) sums: Vec<(u16, ViewSums)>,
@@ -70,69 +86,80 @@ pub(crate) struct Assignment {
     pub(crate) hits: Vec<(u16, [f32; 2])>,
 }
 
-/// Assigns the depths of a view.
-pub(crate) fn assign(
-    config: &PlaneConfig,
-    extents: &[Extent],
-    lookup: &Lookup,
-    view: &DepthView<'_>,
-) -> Assignment {
-    let width = view.size[0];
-    let mut labels = vec![NONE; width * view.size[1]];
-    let parts: Vec<_> = labels
-        .par_chunks_mut(width * ROWS)
-        .enumerate()
-        .map(|(chunk, labels)| {
-            let mut part = Part {
-                config,
-                extents,
-                view,
-                sums: Vec::new(),
-                hits: Vec::new(),
-            };
-            for (i, label) in labels.iter_mut().enumerate() {
-                *label = part.pixel(lookup, i % width, chunk * ROWS + i / width);
-            }
-            (part.sums, part.hits)
-        })
-        .collect();
-    let mut all = Assignment {
-        labels,
-        ..Assignment::default()
-    };
-    for (sums, hits) in parts {
-        all.sums.extend(sums);
-        all.hits.extend(hits);
+/// Assigns depths of a view to planes.
+pub(crate) struct Assigner<'a> {
+    pub(crate) config: &'a PlaneConfig,
+    pub(crate) extents: &'a [Extent],
+    pub(crate) lookup: &'a Lookup,
+    pub(crate) view: &'a DepthView<'a>,
+}
+
+impl Assigner<'_> {
+    /// Assigns the samples of the view.
+    pub(crate) fn run(&self) -> Assignment {
+        let [columns, rows] = self.view.size.map(|size| size.div_ceil(STRIDE));
+        let mut labels = vec![NONE; columns * rows];
+        let parts: Vec<_> = labels
+            .par_chunks_mut(columns * ROWS)
+            .enumerate()
+            .map(|(chunk, labels)| {
+                let mut sums: Vec<(u16, ViewSums)> = Vec::new();
+                let mut hits = Vec::new();
+                for (i, label) in labels.iter_mut().enumerate() {
+                    let row = STRIDE * (chunk * ROWS + i / columns);
+                    let Some(hit) = self.hit(STRIDE * (i % columns), row) else {
+                        continue;
+                    };
+                    *label = hit.plane;
+                    hits.push((hit.plane, [hit.at[0] as f32, hit.at[1] as f32]));
+                    if hit.is_certain {
+                        self.add(&mut sums, &hit);
+                    }
+                }
+                (sums, hits)
+            })
+            .collect();
+        let mut all = Assignment {
+            columns,
+            labels,
+            ..Assignment::default()
+        };
+        for (sums, hits) in parts {
+            all.sums.extend(sums);
+            all.hits.extend(hits);
+        }
+        all
     }
-    all
-}
 
-struct Part<'a> {
-    config: &'a PlaneConfig,
-    extents: &'a [Extent],
-    view: &'a DepthView<'a>,
-    sums: Vec<(u16, ViewSums)>,
-    hits: Vec<(u16, [f32; 2])>,
-}
+    fn add(&self, sums: &mut Vec<(u16, ViewSums)>, hit: &Hit) {
+        let position = sums.iter().position(|(of, _)| *of == hit.plane);
+        let position = position.unwrap_or_else(|| {
+            sums.push((hit.plane, ViewSums::default()));
+            sums.len() - 1
+        });
+        // Half a millimetre: rounding of stored depths.
+        let sigma = hit.sigma.hypot(5e-4);
+        sums[position].1.add(hit.at, sigma, self.view.pose_sigma_m);
+    }
 
-impl Part<'_> {
-    fn pixel(&mut self, lookup: &Lookup, column: usize, row: usize) -> u16 {
+    /// The plane of a pixel.
+    pub(crate) fn hit(&self, column: usize, row: usize) -> Option<Hit> {
         let pixel = row * self.view.size[0] + column;
         if self.view.class(pixel) != PixelClass::Static {
-            return NONE;
+            return None;
         }
-        let Some((depth, sigma)) = self.view.depth(pixel) else {
-            return NONE;
-        };
+        let (depth, sigma) = self.view.depth(pixel)?;
         let (u, v) = (column as f64, row as f64);
         let x = Vector3::from(self.view.position(u, v, f64::from(depth)));
-        let candidates = lookup.at(&x);
+        let candidates = self.lookup.at(&x);
         if candidates.is_empty() {
-            return NONE;
+            return None;
         }
         let ray = Vector3::from(self.view.world_from_view.rotate(self.view.ray(u, v)));
         let pose = self.view.pose_sigma_m;
-        let (mut best, mut count) = ((false, f64::INFINITY, NONE, [0.0; 3], 0.0), 0);
+        let (mut best, mut count) = (None, 0);
+        // Planes that the mesh shows here come before planes beside them.
+        let mut best_rank = (true, f64::INFINITY);
         for plane in candidates {
             let extent = &self.extents[usize::from(*plane)];
             let frame = &extent.frame;
@@ -146,50 +173,40 @@ impl Part<'_> {
             if slope > -0.05 || along > self.config.max_sigma_m {
                 continue;
             }
-            // Where the ray meets the plane: the place of the depth itself has its error.
-            let [s, t, _] = frame.coordinates(&(x - ray * (height / slope)));
             let common = self.config.common_ratio * along;
             let combined = (along * along + pose * pose + common * common).sqrt();
             let gate =
                 (self.config.max_depth_sigmas * combined).max(self.config.min_vertex_distance_m);
-            let Some(index) = extent
-                .grid
-                .index([s, t])
-                .filter(|index| extent.wide[*index])
-            else {
-                continue;
-            };
             if height.abs() > gate {
                 continue;
             }
-            // Which plane a ray ends at follows from the ray, not from the error of its depth.
+            // Where the ray meets the plane: the place of the depth itself has its error. Which
+            // plane a ray ends at follows from the ray alone as well.
+            let [s, t, _] = frame.coordinates(&(x - ray * (height / slope)));
+            let index = extent
+                .grid
+                .index([s, t])
+                .filter(|index| extent.wide[*index]);
+            let Some(index) = index else {
+                continue;
+            };
             let is_closed = extent.closed[index];
-            count += usize::from(is_closed);
-            let rank = height.abs() / gate;
-            if (is_closed && !best.0) || (is_closed == best.0 && rank < best.1) {
-                best = (is_closed, rank, *plane, [s, t, height], along);
+            count += u32::from(is_closed);
+            let rank = (!is_closed, height.abs() / gate);
+            if rank < best_rank {
+                best_rank = rank;
+                best = Some(Hit {
+                    plane: *plane,
+                    at: [s, t, height],
+                    sigma: along,
+                    is_certain: extent.interior[index],
+                });
             }
         }
-        let (_, _, plane, at, along) = best;
-        if plane == NONE {
-            return NONE;
-        }
-        self.hits.push((plane, [at[0] as f32, at[1] as f32]));
-        let extent = &self.extents[usize::from(plane)];
-        let is_interior = extent
-            .grid
-            .index([at[0], at[1]])
-            .is_some_and(|index| extent.interior[index]);
-        // Rays that may end at two planes belong to neither for certain.
-        if is_interior && count == 1 {
-            let position = self.sums.iter().position(|(of, _)| *of == plane);
-            let position = position.unwrap_or_else(|| {
-                self.sums.push((plane, ViewSums::default()));
-                self.sums.len() - 1
-            });
-            // Half a millimetre: rounding of stored depths.
-            self.sums[position].1.add(at, along.hypot(5e-4), pose);
-        }
-        plane
+        best.map(|hit| Hit {
+            // Rays that may end at two planes belong to neither for certain.
+            is_certain: hit.is_certain && count == 1,
+            ..hit
+        })
     }
 }

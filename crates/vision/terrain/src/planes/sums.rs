@@ -53,21 +53,21 @@ impl ViewSums {
     }
 
     /// Information and right side, for errors that pixels share.
-    fn normal_equations(&self, correlated_px: f64) -> (Matrix3<f64>, Vector3<f64>) {
-        let [w, s, t, ss, st, tt] = self.moments.map(|m| m / correlated_px);
+    fn normal_equations(&self, correlated_samples: f64) -> (Matrix3<f64>, Vector3<f64>) {
+        let [w, s, t, ss, st, tt] = self.moments.map(|m| m / correlated_samples);
         let matrix = Matrix3::new(w, s, t, s, ss, st, t, st, tt);
-        (matrix, Vector3::from(self.right) / correlated_px)
+        (matrix, Vector3::from(self.right) / correlated_samples)
     }
 
     /// Information and right side with errors that all pixels of a view share: of its pose, and of
     /// calibration as a share of the sigma.
     pub(crate) fn marginalized(
         &self,
-        correlated_px: f64,
+        correlated_samples: f64,
         common_ratio: f64,
         tilt_sigma: f64,
     ) -> (Matrix3<f64>, Vector3<f64>) {
-        let (matrix, right) = self.normal_equations(correlated_px);
+        let (matrix, right) = self.normal_equations(correlated_samples);
         let count = f64::from(self.depths.max(1));
         let common = common_ratio * self.sigma / count;
         let offset = self.pose / count + common * common;
@@ -85,12 +85,12 @@ impl ViewSums {
     /// of all views as prior.
     pub(crate) fn height_at(
         &self,
-        correlated_px: f64,
+        correlated_samples: f64,
         tilt_sigma: f64,
         plane: &Vector3<f64>,
         [s, t]: [f64; 2],
     ) -> Option<(f64, f64)> {
-        let (mut matrix, mut right) = self.normal_equations(correlated_px);
+        let (mut matrix, mut right) = self.normal_equations(correlated_samples);
         for k in [1, 2] {
             let information = 1.0 / (tilt_sigma * tilt_sigma);
             matrix[(k, k)] += information;
