@@ -81,7 +81,7 @@ config! {
         pub max_depth_sigmas: f64 = 3.0,
         /// Number of samples of a plane that share their errors: windows of the matcher. Samples are
         /// every second column and row.
-        pub correlated_samples: f64 = 4.0,
+        pub correlated_samples: f64 = 9.0,
         /// One standard deviation of the rotation of a view relative to others, rad.
         pub view_tilt_sigma_rad: f64 = 0.002,
         /// Share of a view's sigma that is common to all of its pixels: calibration.

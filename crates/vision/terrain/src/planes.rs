@@ -51,11 +51,20 @@ pub struct PlaneRefiner {
     vertices: Vec<Vec<u32>>,
     vertex_count: usize,
     lookup: Lookup,
-    sums: Vec<Vec<ViewSums>>,
-    supports: Vec<SupportGrid>,
-    /// Sums of coordinates and number of ends in each cell of a support.
-    ends: Vec<BTreeMap<u32, ([f64; 2], u32)>>,
+    collected: Vec<Collected>,
     views: u32,
+}
+
+/// What views show of a candidate.
+#[derive(Debug, Default)]
+struct Collected {
+    sums: Vec<ViewSums>,
+    support: SupportGrid,
+    /// Sums of coordinates and number of ends in each cell of the support.
+    ends: BTreeMap<u32, ([f64; 2], u32)>,
+    /// Views with ends, and the sum of the squared sigmas of their poses, m2.
+    end_views: u32,
+    end_pose_squares: f64,
 }
 
 impl PlaneRefiner {
@@ -74,9 +83,7 @@ impl PlaneRefiner {
             vertices: Vec::new(),
             vertex_count: mesh.positions.len(),
             lookup: Lookup::default(),
-            sums: vec![Vec::new(); regions.len()],
-            supports: Vec::new(),
-            ends: vec![BTreeMap::new(); regions.len()],
+            collected: Vec::new(),
             views: 0,
         };
         for (number, region) in regions.into_iter().enumerate() {
@@ -101,7 +108,10 @@ impl PlaneRefiner {
                 closed,
                 grid,
             });
-            refiner.supports.push(support);
+            refiner.collected.push(Collected {
+                support,
+                ..Collected::default()
+            });
             refiner.vertices.push(region.vertices);
         }
         refiner
@@ -127,7 +137,7 @@ impl PlaneRefiner {
         let assignment = assigner.run();
         let ends = ends::ends(&assigner, &assignment);
         for (plane, sums) in &assignment.sums {
-            let of_plane = &mut self.sums[usize::from(*plane)];
+            let of_plane = &mut self.collected[usize::from(*plane)].sums;
             match of_plane.last_mut().filter(|last| last.view == self.views) {
                 Some(last) => last.merge(sums),
                 None => {
@@ -138,13 +148,22 @@ impl PlaneRefiner {
             }
         }
         for (plane, at) in &assignment.hits {
-            self.supports[usize::from(*plane)].add(at.map(f64::from));
+            self.collected[usize::from(*plane)]
+                .support
+                .add(at.map(f64::from));
+        }
+        let mut with_ends: Vec<u16> = ends.iter().map(|(plane, _)| *plane).collect();
+        with_ends.sort_unstable();
+        with_ends.dedup();
+        for plane in with_ends {
+            let collected = &mut self.collected[usize::from(plane)];
+            collected.end_views += 1;
+            collected.end_pose_squares += view.pose_sigma_m * view.pose_sigma_m;
         }
         for (plane, at) in ends {
-            if let Some(cell) = self.supports[usize::from(plane)].index(at) {
-                let (sum, count) = self.ends[usize::from(plane)]
-                    .entry(cell as u32)
-                    .or_default();
+            let collected = &mut self.collected[usize::from(plane)];
+            if let Some(cell) = collected.support.index(at) {
+                let (sum, count) = collected.ends.entry(cell as u32).or_default();
                 *sum = [sum[0] + at[0], sum[1] + at[1]];
                 *count += 1;
             }
@@ -160,14 +179,13 @@ impl PlaneRefiner {
             of_vertex: vec![None; self.vertex_count],
             config: self.config,
         };
-        let parts = self
+        let candidates = self
             .extents
             .into_iter()
-            .zip(self.sums)
-            .zip(self.supports)
-            .zip(self.ends);
-        for ((((extent, sums), support), ends), vertices) in parts.zip(&self.vertices) {
-            let Some(plane) = fitted(&self.config, extent, sums, support, ends) else {
+            .zip(self.collected)
+            .zip(&self.vertices);
+        for ((extent, collected), vertices) in candidates {
+            let Some(plane) = fitted(&self.config, extent, collected) else {
                 continue;
             };
             for i in vertices {
@@ -179,13 +197,14 @@ impl PlaneRefiner {
     }
 }
 
-fn fitted(
-    config: &PlaneConfig,
-    extent: Extent,
-    mut sums: Vec<ViewSums>,
-    support: SupportGrid,
-    ends: BTreeMap<u32, ([f64; 2], u32)>,
-) -> Option<Plane> {
+fn fitted(config: &PlaneConfig, extent: Extent, collected: Collected) -> Option<Plane> {
+    let Collected {
+        mut sums,
+        support,
+        ends,
+        end_views,
+        end_pose_squares,
+    } = collected;
     sums.retain(|sums| sums.depths >= config.min_view_depths);
     let (mut matrix, mut right) = (Matrix3::zeros(), Vector3::zeros());
     let (mut square, mut freedom, mut depths) = (0.0, 0.0, 0);
@@ -235,6 +254,8 @@ fn fitted(
         sums,
         observed,
         ends: ends.into_values().map(count).collect(),
+        // Views have unequal shares: as if half of them had equal ones.
+        end_pose_sigma_m: (2.0 * end_pose_squares).sqrt() / f64::from(end_views.max(1)),
         support,
     })
 }

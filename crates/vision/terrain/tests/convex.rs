@@ -37,6 +37,7 @@ const NOISE: Noise = Noise {
     pose_m: 0.002,
     pose_rad: 0.001,
     seed: 6,
+    ..scene::CLEAN
 };
 
 #[test]

@@ -54,6 +54,7 @@ fn fast_fusion_agrees_with_the_reference() {
         pose_m: 0.003,
         pose_rad: 0.002,
         seed: 3,
+        ..scene::CLEAN
     };
     let shots = climb(&stairs(4), camera, [-0.6, 0.6], 1.1, noise);
     let volume = fused(&shots);

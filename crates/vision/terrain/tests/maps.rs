@@ -37,6 +37,7 @@ fn noise(seed: u64) -> Noise {
         pose_m: 0.002,
         pose_rad: 0.001,
         seed,
+        ..scene::CLEAN
     }
 }
 

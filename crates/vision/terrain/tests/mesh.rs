@@ -22,6 +22,7 @@ fn stairs_shots(disparity_px: f64) -> Vec<Shot> {
         pose_m: 0.001,
         pose_rad: 0.0005,
         seed: 4,
+        ..scene::CLEAN
     };
     let camera = scene::Camera {
         line_s: 15e-6,

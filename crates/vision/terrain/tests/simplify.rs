@@ -33,6 +33,7 @@ const NOISE: Noise = Noise {
     pose_m: 0.001,
     pose_rad: 0.0005,
     seed: 4,
+    ..scene::CLEAN
 };
 
 #[test]

@@ -2,125 +2,24 @@
 
 mod scene;
 
-use scene::{Camera, GOING_M, HD720, Noise, RISE_M, Scene, Shot, Solid, VGA, climb, shoot, stairs};
-use terrain::edges::{Edge, EdgeKind, find_edges, snap};
+use scene::score::{noise, p95, planes_of, score, total, walk};
+use scene::{Camera, GOING_M, HD720, Noise, RISE_M, Scene, Solid, VGA, climb, shoot, stairs};
+use terrain::edges::{EdgeKind, find_edges, snap};
 use terrain::fusion::Volume;
 use terrain::mesh::Mesh;
-use terrain::planes::{PlaneRefiner, Planes};
+use terrain::planes::PlaneRefiner;
 use terrain::{EdgeConfig, FusionConfig, MeshConfig, PlaneConfig};
 
-fn planes_of(shots: &[Shot]) -> (Planes, Vec<Edge>) {
-    let mut volume = Volume::new(FusionConfig::default()).unwrap();
-    for shot in shots {
-        volume.add(&shot.view()).unwrap();
-    }
-    let mesh = Mesh::of(&volume, &MeshConfig::default());
-    let mut refiner = PlaneRefiner::new(&mesh, &PlaneConfig::default());
-    for shot in shots {
-        refiner.add(&shot.view()).unwrap();
-    }
-    let planes = refiner.finish();
-    let edges = find_edges(&planes, &EdgeConfig::default());
-    (planes, edges)
-}
-
-/// Errors of a flight of stairs.
-#[derive(Debug, Default)]
-struct Score {
-    expected: usize,
-    found: usize,
-    /// Of the heights of steps and places of edges, m, ascending.
-    heights: Vec<f64>,
-    places: Vec<f64>,
-    /// Steps where there are none.
-    invented: usize,
-    /// Heights and places within two sigmas.
-    within: usize,
-}
-
-/// Compares steps of edges across the path with the stairs of `count` risers.
-fn score(edges: &[Edge], count: usize) -> Score {
-    let mut score = Score {
-        expected: count,
-        ..Score::default()
-    };
-    let mut found = vec![false; count];
-    for edge in edges {
-        let [x, y, z] = edge.middle();
-        let Some(step) = &edge.step else {
-            continue;
-        };
-        // Sides of the stairs are steps as well.
-        if y.abs() > 0.9 {
-            continue;
-        }
-        let number = (x / GOING_M).round();
-        let error = x - number * GOING_M;
-        let true_z = (number + 1.0) * RISE_M;
-        if error.abs() > 0.05 || (z - true_z).abs() > 0.05 || number < 0.0 || number >= count as f64
-        {
-            score.invented += 1;
-            continue;
-        }
-        found[number as usize] = true;
-        let height = step.height_m - RISE_M;
-        score.within += usize::from(height.abs() <= 2.0 * step.sigma_m);
-        score.within += usize::from(error.abs() <= 2.0 * edge.sigma_m);
-        score.heights.push(height.abs());
-        score.places.push(error.abs());
-    }
-    score.found = found.iter().filter(|found| **found).count();
-    score.heights.sort_unstable_by(f64::total_cmp);
-    score.places.sort_unstable_by(f64::total_cmp);
-    score
-}
-
-fn p95(sorted: &[f64]) -> f64 {
-    sorted[((0.95 * sorted.len() as f64) as usize).min(sorted.len() - 1)]
-}
-
-fn noise(disparity_px: f64, seed: u64) -> Noise {
-    Noise {
-        disparity_px,
-        pose_m: 0.002,
-        pose_rad: 0.001,
-        seed,
-    }
-}
-
-fn walk(camera: Camera, steps: usize, up: bool, noise: Noise) -> Vec<Shot> {
-    let camera = Camera {
-        line_s: 10.8e-3 / camera.size[1] as f64,
-        ..camera
-    };
-    let top = steps as f64 * GOING_M + 0.3;
-    match up {
-        true => climb(&stairs(steps), camera, [-0.8, top - 0.5], 1.05, noise),
-        false => climb(&stairs(steps), camera, [top, -0.4], 1.25, noise),
-    }
-}
-
-/// Scores of several walks as one.
-fn total(scores: impl Iterator<Item = Score>) -> Score {
-    let mut all = scores.fold(Score::default(), |mut all, score| {
-        all.expected += score.expected;
-        all.found += score.found;
-        all.invented += score.invented;
-        all.within += score.within;
-        all.heights.extend(score.heights);
-        all.places.extend(score.places);
-        all
-    });
-    all.heights.sort_unstable_by(f64::total_cmp);
-    all.places.sort_unstable_by(f64::total_cmp);
-    all
-}
-
 fn check(name: &str, camera: Camera, up: bool, disparity_px: f64, limits: [f64; 2]) {
+    check_with(name, camera, up, noise(disparity_px, 0), limits);
+}
+
+fn check_with(name: &str, camera: Camera, up: bool, of: Noise, limits: [f64; 2]) {
     // Views of the small camera cost less.
     let walks = if camera.size[0] > 1000 { 1 } else { 3 };
     let scores = (0..walks).map(|seed| {
-        let shots = walk(camera, 4, up, noise(disparity_px, seed + 1));
+        let seed = seed + 1;
+        let shots = walk(camera, 4, up, Noise { seed, ..of });
         score(&planes_of(&shots).1, 4)
     });
     let score = total(scores);
@@ -160,6 +59,19 @@ fn steps_going_down_at_hd720() {
 fn steps_at_672() {
     check("672 up", VGA, true, 0.2, [0.006, 0.010]);
     check("672 down", VGA, false, 0.2, [0.006, 0.015]);
+}
+
+#[test]
+fn errors_that_pixels_share_are_within_the_stated_sigmas() {
+    let of = Noise {
+        common_px: 0.05,
+        patch_px: 7,
+        pose_m: 0.004,
+        pose_rad: 0.002,
+        ..noise(0.15, 0)
+    };
+    check_with("672 up, shared errors", VGA, true, of, [0.006, 0.010]);
+    check_with("672 down, shared errors", VGA, false, of, [0.006, 0.015]);
 }
 
 #[test]

@@ -88,7 +88,9 @@ pub(super) fn plane_ends(
                 kind: EdgeKind::End,
                 from: from.into(),
                 to: to.into(),
-                sigma_m: scatter.hypot(config.end_sigma_m),
+                sigma_m: scatter
+                    .hypot(config.end_sigma_m)
+                    .hypot(plane.end_pose_sigma_m),
                 planes: (number as u32, None),
                 step: None,
             });

@@ -42,6 +42,8 @@ pub struct Plane {
     pub(crate) observed: Vec<bool>,
     /// Means and numbers of points where depths leave the plane for something farther.
     pub(crate) ends: Vec<([f64; 2], u32)>,
+    /// One standard deviation of their place from errors of poses, m.
+    pub(crate) end_pose_sigma_m: f64,
 }
 
 impl Plane {

@@ -2,6 +2,8 @@
 
 #![allow(dead_code, unreachable_pub, reason = "each test uses a part")]
 
+pub mod score;
+
 use cad_transforms::RigidTransform;
 use counter_random::bell;
 use terrain::{DepthView, PixelClass, RowMotion};
@@ -174,8 +176,22 @@ pub struct Noise {
     /// Standard deviation of the position and of the rotation of the stated pose, m and rad.
     pub pose_m: f64,
     pub pose_rad: f64,
+    /// Standard deviation of a disparity error that all pixels of a view share, px.
+    pub common_px: f64,
+    /// Side of the patches with one error, px; 3 if it is 0.
+    pub patch_px: usize,
     pub seed: u64,
 }
+
+/// No errors.
+pub const CLEAN: Noise = Noise {
+    disparity_px: 0.0,
+    pose_m: 0.0,
+    pose_rad: 0.0,
+    common_px: 0.0,
+    patch_px: 3,
+    seed: 0,
+};
 
 /// A depth image with its stated pose.
 pub struct Shot {
@@ -239,6 +255,12 @@ pub fn shoot(
     };
     let focal_baseline = camera.focal_px * camera.baseline_m;
     let count = width * height;
+    let patch_px = if noise.patch_px == 0 {
+        3
+    } else {
+        noise.patch_px
+    };
+    let common = noise.common_px * bell(noise.seed, 4, 0);
     let mut shot = Shot {
         camera,
         world_from_view,
@@ -266,11 +288,11 @@ pub fn shoot(
                 continue;
             };
             let pixel = row * width + column;
-            let patch = (row / 3 * width + column / 3) as u64;
-            let disparity = focal_baseline / depth;
+            let patch = (row / patch_px * width + column / patch_px) as u64;
+            let disparity = focal_baseline / depth + common;
             let disparity = disparity + noise.disparity_px * bell(noise.seed, 1, patch);
             let noisy = focal_baseline / disparity;
-            let sigma = noisy * noisy * noise.disparity_px / focal_baseline;
+            let sigma = noisy * noisy * noise.disparity_px.hypot(noise.common_px) / focal_baseline;
             shot.depth_m[pixel] = noisy as f32;
             shot.sigma_m[pixel] = (sigma as f32).max(1e-4);
             shot.color[pixel] = color;
