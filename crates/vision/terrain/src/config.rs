@@ -204,4 +204,20 @@ config! {
         /// Maximum distance of a cell's height from the plane that stands for it, m.
         pub max_plane_distance_m: f64 = 0.03,
     }
+
+    /// Constants of `obstacle_parts` (feature `obstacles`).
+    pub struct ObstacleConfig {
+        /// Edge of the tiles that are decomposed on their own, m.
+        pub tile_m: f64 = 1.5,
+        /// Edge of the voxels of the decomposition, m.
+        pub voxel_m: f64 = 0.02,
+        /// Concavity that a part may have, as a share of its volume (V-HACD). Less gives more parts.
+        pub concavity: f64 = 0.02,
+        /// Maximum number of parts of a thing in a tile.
+        pub max_parts: u32 = 16,
+        /// Minimum area of the surface of a thing in a tile, m2.
+        pub min_area_m2: f64 = 0.02,
+        /// Height above free ground up to which a surface is that ground, m.
+        pub ground_m: f64 = 0.06,
+    }
 }

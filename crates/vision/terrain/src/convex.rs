@@ -4,7 +4,7 @@
 //! plane. The height layer is lower than the prisms wherever one covers it, and steps beside them
 //! do not smear into it. Where nothing was seen there is neither. The collision surface at a place
 //! is the higher one. [`CollisionReport`] compares it with the maps. Things that are not plane and
-//! not ground have no parts.
+//! not ground have parts with the feature `obstacles` only.
 
 use std::collections::BTreeMap;
 
@@ -15,9 +15,13 @@ use crate::maps::{FREE, Level};
 use crate::planes::Planes;
 
 mod hull;
+#[cfg(feature = "obstacles")]
+mod obstacles;
 mod pieces;
 mod prism;
 
+#[cfg(feature = "obstacles")]
+pub use obstacles::{Obstacle, obstacle_parts};
 pub use prism::ConvexPart;
 
 /// Edge of a cell of the table of parts, m.

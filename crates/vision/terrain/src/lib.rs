@@ -19,6 +19,7 @@ mod error;
 pub mod evaluate;
 pub mod export;
 pub mod fusion;
+pub mod ground;
 pub mod maps;
 pub mod mesh;
 pub mod planes;
@@ -26,7 +27,8 @@ pub mod simplify;
 mod view;
 
 pub use config::{
-    ConvexConfig, EdgeConfig, FusionConfig, MapConfig, MeshConfig, PlaneConfig, SimplifyConfig,
+    ConvexConfig, EdgeConfig, FusionConfig, MapConfig, MeshConfig, ObstacleConfig, PlaneConfig,
+    SimplifyConfig,
 };
 pub use error::TerrainError;
 pub use view::{DepthView, PixelClass, RowMotion};

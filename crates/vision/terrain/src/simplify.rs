@@ -8,15 +8,13 @@
 
 use crate::config::SimplifyConfig;
 use crate::evaluate::ErrorQuantiles;
+use crate::ground::Ground;
 use crate::mesh::Mesh;
 
 mod collapse;
-mod heights;
 mod quadric;
 
 pub use collapse::collapse;
-
-use heights::HeightIndex;
 
 /// What a simplified mesh keeps.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -78,15 +76,15 @@ pub fn height_errors(dense: &Mesh, simplified: &Mesh, min_ground_cos: f64) -> Er
 }
 
 fn errors(dense: &Mesh, simplified: &Mesh, min_ground_cos: f64) -> Vec<f64> {
-    let index = HeightIndex::new(simplified, 0.1);
+    let ground = Ground::new(simplified);
     let vertices = dense.positions.iter().zip(&dense.normals);
-    let ground = vertices.filter(|(_, n)| f64::from(n[2]) >= min_ground_cos);
+    let upward = vertices.filter(|(_, n)| f64::from(n[2]) >= min_ground_cos);
     let steps = [[0.0, 0.0], [1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]];
     let error = |(p, _): (&[f32; 3], &[f32; 3])| {
         let [x, y, z] = p.map(f64::from);
         let at = |[dx, dy]: [f64; 2]| {
-            let height = index.nearest_height([x + SIDEWAYS_M * dx, y + SIDEWAYS_M * dy, z])?;
-            Some(height - z)
+            let point = ground.nearest([x + SIDEWAYS_M * dx, y + SIDEWAYS_M * dy, z])?;
+            Some(point.height_m - z)
         };
         if let Some(error) = at(steps[0]).filter(|error| error.abs() < SURE_M) {
             return error;
@@ -96,5 +94,5 @@ fn errors(dense: &Mesh, simplified: &Mesh, min_ground_cos: f64) -> Vec<f64> {
             .min_by(|a, b| a.abs().total_cmp(&b.abs()))
             .unwrap_or(0.5)
     };
-    ground.map(error).collect()
+    upward.map(error).collect()
 }
