@@ -170,5 +170,12 @@ fn height_in_views(
         sum += (c0 - c1) / variance;
         views += 1;
     }
-    (views > 0).then(|| (sum / weight, (1.0 / weight).sqrt().hypot(5e-4), views))
+    // The slopes of the planes are common to all views.
+    let slopes = [0, 1].map(|k| {
+        let [s, t, _] = coordinates[k];
+        let away = Vector3::new(0.0, s, t);
+        away.dot(&(of[k].covariance * away))
+    });
+    let variance = 1.0 / weight + slopes[0] + slopes[1] + 5e-4 * 5e-4;
+    (views > 0).then(|| (sum / weight, variance.sqrt(), views))
 }

@@ -6,6 +6,9 @@ use super::frame::PlaneFrame;
 use crate::config::PlaneConfig;
 use crate::mesh::Mesh;
 
+/// Maximum gap between regions that are merged, m.
+const MERGE_GAP_M: f64 = 0.06;
+
 /// Vertices on a plane.
 pub(crate) struct Region {
     pub(crate) frame: PlaneFrame,
@@ -150,7 +153,69 @@ pub(crate) fn grow(mesh: &Mesh, config: &PlaneConfig) -> Vec<Region> {
             vertices,
         });
     }
-    regions
+    merged(regions, &positions, &normals, config)
+}
+
+/// Regions with smaller ones beside them that are on their planes.
+fn merged(
+    mut regions: Vec<Region>,
+    positions: &[Vector3<f64>],
+    normals: &[Vector3<f64>],
+    config: &PlaneConfig,
+) -> Vec<Region> {
+    regions.sort_by_key(|region| (std::cmp::Reverse(region.vertices.len()), region.vertices[0]));
+    let min_cos = cos(config.max_merge_angle_rad);
+    let bounds = |region: &Region| {
+        let start = (
+            Vector3::repeat(f64::INFINITY),
+            Vector3::repeat(f64::NEG_INFINITY),
+        );
+        region.vertices.iter().fold(start, |(low, high), i| {
+            let x = &positions[*i as usize];
+            (low.inf(x), high.sup(x))
+        })
+    };
+    let mut kept: Vec<(Region, (Vector3<f64>, Vector3<f64>), bool)> = Vec::new();
+    for region in regions {
+        let own = bounds(&region);
+        let part_of = kept.iter().position(|(larger, (low, high), _)| {
+            let frame = &larger.frame;
+            let touches = (0..3)
+                .all(|k| low[k] - MERGE_GAP_M <= own.1[k] && own.0[k] - MERGE_GAP_M <= high[k]);
+            let is_near = (region.frame.origin - frame.origin).norm() <= config.max_radius_m;
+            touches && is_near && frame.normal.dot(&region.frame.normal) >= min_cos && {
+                let square = |i: &u32| {
+                    let height = frame.normal.dot(&(positions[*i as usize] - frame.origin));
+                    height * height
+                };
+                let mean =
+                    region.vertices.iter().map(square).sum::<f64>() / region.vertices.len() as f64;
+                mean <= config.max_merge_m * config.max_merge_m
+            }
+        });
+        match part_of {
+            Some(number) => {
+                let (larger, (low, high), is_changed) = &mut kept[number];
+                larger.vertices.extend(region.vertices);
+                (*low, *high, *is_changed) = (low.inf(&own.0), high.sup(&own.1), true);
+            }
+            None => kept.push((region, own, false)),
+        }
+    }
+    let refitted = kept.into_iter().map(|(mut region, _, is_changed)| {
+        if is_changed {
+            region.vertices.sort_unstable();
+            let start = region.frame.origin;
+            let mut moments = Moments::default();
+            for i in &region.vertices {
+                moments.add(&(positions[*i as usize] - start), &normals[*i as usize]);
+            }
+            let (center, normal) = moments.plane();
+            region.frame = PlaneFrame::new(center + start, normal);
+        }
+        region
+    });
+    refitted.collect()
 }
 
 /// A third of the area of the triangles around each vertex, m2.
