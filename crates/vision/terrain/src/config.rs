@@ -97,8 +97,9 @@ config! {
         pub min_view_depths: u32 = 20,
         /// Edge of a cell of a plane's support, m: about three pixels.
         pub support_cell_m: f64 = 0.01,
-        /// Minimum number of depths in such a cell.
-        pub min_cell_depths: u16 = 2,
+        /// Minimum number of depths in such a cell, as a share of the median. Fewer are errors beyond
+        /// the end of the plane.
+        pub min_cell_share: f64 = 0.15,
     }
 
     /// Constants of [`find_edges`](crate::edges::find_edges).

@@ -147,10 +147,9 @@ impl PlaneRefiner {
                 }
             }
         }
-        for (plane, at) in &assignment.hits {
-            self.collected[usize::from(*plane)]
-                .support
-                .add(at.map(f64::from));
+        for (plane, at, reach) in &assignment.hits {
+            let support = &mut self.collected[usize::from(*plane)].support;
+            support.add_square(at.map(f64::from), f64::from(*reach));
         }
         let mut with_ends: Vec<u16> = ends.iter().map(|(plane, _)| *plane).collect();
         with_ends.sort_unstable();
@@ -228,7 +227,7 @@ fn fitted(config: &PlaneConfig, extent: Extent, collected: Collected) -> Option<
     }
     let height = covariance * right;
     let frame = extent.frame.adjusted(height.into());
-    let seen = support.mask(config.min_cell_depths);
+    let seen = support.mask(support.min_count(config.min_cell_share));
     let observed = support.grown(&support.grown(&seen, 1, true), 1, false);
     let cells = observed.iter().filter(|is| **is).count();
     let area_m2 = cells as f64 * support.cell_m * support.cell_m;

@@ -16,6 +16,8 @@ const CELL_M: f64 = 0.1;
 const MARGIN_M: f64 = 0.08;
 /// Every second column and row is assigned: neighboring pixels share most of their errors.
 pub(crate) const STRIDE: usize = 2;
+/// Samples on planes that are seen at a shallow angle stand for at most this share more.
+const MIN_REACH_COS: f64 = 0.4;
 /// Sampled rows that one task works on.
 const ROWS: usize = 16;
 /// A pixel of no plane.
@@ -69,6 +71,8 @@ pub(crate) struct Hit {
     at: [f64; 3],
     /// One standard deviation along the normal, m.
     sigma: f64,
+    /// Half of the distance to the next sample on the plane, m.
+    reach: f64,
     /// Whether the ray ends at this plane for certain.
     is_certain: bool,
 }
@@ -82,8 +86,8 @@ pub(crate) struct Assignment {
     pub(crate) labels: Vec<u16>,
     /// Normal equations of planes, in the order of rows.
     pub(crate) sums: Vec<(u16, ViewSums)>,
-    /// Coordinates of depths on planes.
-    pub(crate) hits: Vec<(u16, [f32; 2])>,
+    /// Coordinates of depths on planes, and half of the side of what they stand for, m.
+    pub(crate) hits: Vec<(u16, [f32; 2], f32)>,
 }
 
 /// Assigns depths of a view to planes.
@@ -111,7 +115,8 @@ impl Assigner<'_> {
                         continue;
                     };
                     *label = hit.plane;
-                    hits.push((hit.plane, [hit.at[0] as f32, hit.at[1] as f32]));
+                    let at = [hit.at[0] as f32, hit.at[1] as f32];
+                    hits.push((hit.plane, at, hit.reach as f32));
                     if hit.is_certain {
                         self.add(&mut sums, &hit);
                     }
@@ -157,6 +162,7 @@ impl Assigner<'_> {
         }
         let ray = Vector3::from(self.view.world_from_view.rotate(self.view.ray(u, v)));
         let pose = self.view.pose_sigma_m;
+        let reach = 0.5 * STRIDE as f64 * f64::from(depth) / self.view.focal_px[0];
         let (mut best, mut count) = (None, 0);
         // Planes that the mesh shows here come before planes beside them.
         let mut best_rank = (true, f64::INFINITY);
@@ -199,6 +205,7 @@ impl Assigner<'_> {
                     plane: *plane,
                     at: [s, t, height],
                     sigma: along,
+                    reach: reach / (cos / ray.norm()).max(MIN_REACH_COS),
                     is_certain: extent.interior[index],
                 });
             }

@@ -55,6 +55,34 @@ impl SupportGrid {
         }
     }
 
+    /// Adds to all cells whose centers are in a square around coordinates, or to the one there.
+    pub(crate) fn add_square(&mut self, at: [f64; 2], reach_m: f64) {
+        if reach_m <= 0.5 * self.cell_m {
+            self.add(at);
+            return;
+        }
+        let cell = |offset: f64| at.map(|k| ((k + offset) / self.cell_m - 0.5).ceil() as i32);
+        let (from, to) = (cell(-reach_m), cell(reach_m));
+        for y in from[1]..to[1] {
+            for x in from[0]..to[0] {
+                self.add([x, y].map(|k| (f64::from(k) + 0.5) * self.cell_m));
+            }
+        }
+    }
+
+    /// A share of the median count of the cells that have one; at least 1.
+    pub(crate) fn min_count(&self, share: f64) -> u16 {
+        let mut counts: Vec<u16> = self
+            .counts
+            .iter()
+            .copied()
+            .filter(|count| *count > 0)
+            .collect();
+        counts.sort_unstable();
+        let median = counts.get(counts.len() / 2).copied().unwrap_or(0);
+        ((share * f64::from(median)).round() as u16).max(1)
+    }
+
     /// Coordinates of the center of a cell.
     pub(crate) fn center(&self, index: usize) -> [f64; 2] {
         let cell = [index % self.size[0], index / self.size[0]];
@@ -111,5 +139,11 @@ mod tests {
         assert_eq!(count(&grid.grown(&mask, 1, true)), 35);
         assert_eq!(grid.center(grid.index([0.05, 0.05]).unwrap()), [0.05, 0.05]);
         assert_eq!(grid.index([9.0, 0.0]), None);
+        // Three by three cells of 10 cm, around a point.
+        let mut square = SupportGrid::around(0.1, [[0.0, 0.0], [0.5, 0.5]].into_iter(), 0.2);
+        square.add_square([0.25, 0.25], 0.15);
+        square.add([0.25, 0.25]);
+        assert_eq!(count(&square.mask(1)), 9);
+        assert_eq!((square.min_count(2.0), square.min_count(0.1)), (2, 1));
     }
 }
