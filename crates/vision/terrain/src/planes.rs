@@ -14,7 +14,7 @@ use nalgebra::{Matrix3, Vector3};
 use crate::config::PlaneConfig;
 use crate::error::TerrainError;
 use crate::mesh::Mesh;
-use crate::view::DepthView;
+use crate::view::{DepthView, Pose};
 
 mod assignment;
 mod ends;
@@ -133,6 +133,7 @@ impl PlaneRefiner {
             extents: &self.extents,
             lookup: &self.lookup,
             view,
+            pose: Pose::new(&view.world_from_view),
         };
         let assignment = assigner.run();
         let ends = ends::ends(&assigner, &assignment);

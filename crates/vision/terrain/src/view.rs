@@ -58,6 +58,32 @@ pub struct DepthView<'a> {
     pub classes: Option<&'a [PixelClass]>,
 }
 
+/// A rigid transform in a form that is fast to apply.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Pose {
+    rows: [f64; 9],
+    translation: [f64; 3],
+}
+
+impl Pose {
+    pub(crate) fn new(transform: &RigidTransform) -> Self {
+        Self {
+            rows: transform.rotation_rows(),
+            translation: transform.translation_m(),
+        }
+    }
+
+    pub(crate) fn rotate(&self, v: [f64; 3]) -> [f64; 3] {
+        let r = &self.rows;
+        [0, 3, 6].map(|k| r[k] * v[0] + r[k + 1] * v[1] + r[k + 2] * v[2])
+    }
+
+    pub(crate) fn apply(&self, x: [f64; 3]) -> [f64; 3] {
+        let rotated = self.rotate(x);
+        [0, 1, 2].map(|k| rotated[k] + self.translation[k])
+    }
+}
+
 impl RowMotion {
     /// Point of a row, in the view at time 0.
     pub fn at_pose(&self, row: f64, x: [f64; 3]) -> [f64; 3] {
@@ -184,10 +210,10 @@ impl DepthView<'_> {
             .map_or(PixelClass::Static, |classes| classes[pixel])
     }
 
-    /// Position in the world of a pixel at a depth.
-    pub(crate) fn position(&self, column: f64, row: f64, depth: f64) -> [f64; 3] {
+    /// Position in the world of a pixel at a depth; the pose is that of the view.
+    pub(crate) fn position(&self, pose: &Pose, column: f64, row: f64, depth: f64) -> [f64; 3] {
         let x = self.ray(column, row).map(|v| v * depth);
-        self.world_from_view.apply(self.row_motion.at_pose(row, x))
+        pose.apply(self.row_motion.at_pose(row, x))
     }
 }
 

@@ -72,7 +72,7 @@ fn add_cell(config: &FusionConfig, frame: &Frame<'_>, cell: &Cell, recent: &mut 
         return;
     }
     let [front, back] = truncation(config, sigma);
-    let normal = view.world_from_view.rotate(cell.normal.map(f64::from));
+    let normal = frame.pose.rotate(cell.normal.map(f64::from));
     let block_m = config.voxel_m * EDGE as f64;
     // A cell that is larger than some voxels on the surface needs its corners as well.
     let incidence = f64::from(-cell.normal[2])
@@ -100,7 +100,7 @@ fn add_cell(config: &FusionConfig, frame: &Frame<'_>, cell: &Cell, recent: &mut 
             continue;
         }
         let (u, v) = (f64::from(cell.at[0] + du), f64::from(cell.at[1] + dv));
-        let x = view.position(u, v, 1.0 / f64::from(inverse));
+        let x = view.position(&frame.pose, u, v, 1.0 / f64::from(inverse));
         for step in 0..=steps as usize {
             let s = (front + back) * step as f64 / steps - back;
             let center = [0, 1, 2].map(|k| x[k] + s * normal[k]);

@@ -8,7 +8,7 @@
 use rayon::prelude::*;
 
 use crate::config::FusionConfig;
-use crate::view::{DepthView, PixelClass};
+use crate::view::{DepthView, PixelClass, Pose};
 
 /// Cells across the width of an image, at least. Their edge is a power of 2.
 const CELLS_ACROSS: usize = 160;
@@ -49,6 +49,7 @@ pub(crate) struct Cell {
 #[derive(Debug)]
 pub(crate) struct Frame<'a> {
     pub(crate) view: &'a DepthView<'a>,
+    pub(crate) pose: Pose,
     pub(crate) pixels: Vec<Pixel>,
     /// Edge of a cell, px.
     pub(crate) cell_px: usize,
@@ -63,6 +64,7 @@ impl<'a> Frame<'a> {
         let cells_size = view.size.map(|size| size.div_ceil(cell_px));
         let mut frame = Self {
             view,
+            pose: Pose::new(&view.world_from_view),
             pixels: Vec::new(),
             cell_px,
             cells_size,

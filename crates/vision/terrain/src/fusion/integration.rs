@@ -47,11 +47,7 @@ impl<'a> Integration<'a> {
             .max(motion.time_s(view.size[1] as f64).abs());
         let norm = |v: [f64; 3]| (v[0] * v[0] + v[1] * v[1] + v[2] * v[2]).sqrt();
         let speed = norm(motion.velocity) + 2.0 * config.max_depth_m * norm(motion.angular_rate);
-        let turn = |n: &[f32; 3]| {
-            view.world_from_view
-                .rotate(n.map(f64::from))
-                .map(|v| v as f32)
-        };
+        let turn = |n: &[f32; 3]| frame.pose.rotate(n.map(f64::from)).map(|v| v as f32);
         Self {
             frame,
             config: *config,

@@ -8,7 +8,7 @@ use super::sums::ViewSums;
 use super::support::SupportGrid;
 use crate::config::PlaneConfig;
 use crate::fusion::grid::{KeyMap, pack};
-use crate::view::{DepthView, PixelClass};
+use crate::view::{DepthView, PixelClass, Pose};
 
 /// Edge of a cell of the table of planes, m.
 const CELL_M: f64 = 0.1;
@@ -96,6 +96,7 @@ pub(crate) struct Assigner<'a> {
     pub(crate) extents: &'a [Extent],
     pub(crate) lookup: &'a Lookup,
     pub(crate) view: &'a DepthView<'a>,
+    pub(crate) pose: Pose,
 }
 
 impl Assigner<'_> {
@@ -155,13 +156,13 @@ impl Assigner<'_> {
         }
         let (depth, sigma) = self.view.depth(pixel)?;
         let (u, v) = (column as f64, row as f64);
-        let x = Vector3::from(self.view.position(u, v, f64::from(depth)));
+        let x = Vector3::from(self.view.position(&self.pose, u, v, f64::from(depth)));
         let candidates = self.lookup.at(&x);
         if candidates.is_empty() {
             return None;
         }
-        let ray = Vector3::from(self.view.world_from_view.rotate(self.view.ray(u, v)));
-        let pose = self.view.pose_sigma_m;
+        let ray = Vector3::from(self.pose.rotate(self.view.ray(u, v)));
+        let pose_sigma = self.view.pose_sigma_m;
         let reach = 0.5 * STRIDE as f64 * f64::from(depth) / self.view.focal_px[0];
         let (mut best, mut count) = (None, 0);
         // Planes that the mesh shows here come before planes beside them.
@@ -180,7 +181,7 @@ impl Assigner<'_> {
                 continue;
             }
             let common = self.config.common_ratio * along;
-            let combined = (along * along + pose * pose + common * common).sqrt();
+            let combined = (along * along + pose_sigma * pose_sigma + common * common).sqrt();
             let gate =
                 (self.config.max_depth_sigmas * combined).max(self.config.min_vertex_distance_m);
             if height.abs() > gate {

@@ -4,7 +4,7 @@ use nalgebra::Vector3;
 use rayon::prelude::*;
 
 use super::assignment::{Assigner, Assignment, Extent, NONE, STRIDE};
-use crate::view::DepthView;
+use crate::view::{DepthView, Pose};
 
 /// Difference to a plane from which on a neighboring depth is farther, in its sigmas and m.
 const FARTHER_SIGMAS: f64 = 5.0;
@@ -61,7 +61,7 @@ fn between(
             let other = v * assigner.view.size[0] + u;
             let end = end(
                 extent,
-                assigner.view,
+                (assigner.view, &assigner.pose),
                 at,
                 direction.map(|d| sign * d),
                 other,
@@ -73,7 +73,7 @@ fn between(
 
 fn end(
     extent: &Extent,
-    view: &DepthView<'_>,
+    (view, pose): (&DepthView<'_>, &Pose),
     [u, v]: [f64; 2],
     [right, down]: [f64; 2],
     other: usize,
@@ -81,8 +81,8 @@ fn end(
     let (depth, sigma) = view.depth(other)?;
     let depth_of_plane = |u: f64, v: f64| {
         // Intersection of the ray with the plane, at the pose of the row.
-        let from = Vector3::from(view.position(u, v, 0.0));
-        let to = Vector3::from(view.position(u, v, 1.0));
+        let from = Vector3::from(view.position(pose, u, v, 0.0));
+        let to = Vector3::from(view.position(pose, u, v, 1.0));
         let n = &extent.frame.normal;
         let slope = n.dot(&(to - from));
         // Rays from outside only, and not along the plane.
@@ -93,7 +93,7 @@ fn end(
         return None;
     }
     let (u, v) = (u + 0.5 * right, v + 0.5 * down);
-    let x = Vector3::from(view.position(u, v, depth_of_plane(u, v)?));
+    let x = Vector3::from(view.position(pose, u, v, depth_of_plane(u, v)?));
     let [s, t, _] = extent.frame.coordinates(&x);
     Some([s, t])
 }
