@@ -72,8 +72,8 @@ config! {
         pub max_normal_angle_rad: f64 = 0.30,
         /// Minimum area, m2.
         pub min_area_m2: f64 = 0.05,
-        /// Maximum root mean square distance of a region from the plane of a larger one beside it, of
-        /// which it then is a part, m: noise of the mesh divides regions.
+        /// Maximum root mean square distance of a region from the plane of a larger one beside it,
+        /// of which it then is a part, m: noise of the mesh divides regions.
         pub max_merge_m: f64 = 0.008,
         /// Maximum angle of their normals, rad: small regions have noisy ones.
         pub max_merge_angle_rad: f64 = 0.10,
@@ -84,8 +84,8 @@ config! {
         pub max_sigma_m: f64 = 0.025,
         /// Maximum distance of a depth from its plane, in combined sigmas.
         pub max_depth_sigmas: f64 = 3.0,
-        /// Number of samples of a plane that share their errors: windows of the matcher. Samples are
-        /// every second column and row.
+        /// Number of samples of a plane that share their errors: windows of the matcher. Samples
+        /// are every second column and row.
         pub correlated_samples: f64 = 9.0,
         /// One standard deviation of the rotation of a view relative to others, rad.
         pub view_tilt_sigma_rad: f64 = 0.002,
@@ -97,8 +97,8 @@ config! {
         pub min_view_depths: u32 = 20,
         /// Edge of a cell of a plane's support, m: about three pixels.
         pub support_cell_m: f64 = 0.01,
-        /// Minimum number of depths in such a cell, as a share of the median. Fewer are errors beyond
-        /// the end of the plane.
+        /// Minimum number of depths in such a cell, as a share of the median. Fewer are errors
+        /// beyond the end of the plane.
         pub min_cell_share: f64 = 0.15,
     }
 
@@ -217,7 +217,8 @@ config! {
         pub tile_m: f64 = 1.5,
         /// Edge of the voxels of the decomposition, m.
         pub voxel_m: f64 = 0.02,
-        /// Concavity that a part may have, as a share of its volume (V-HACD). Less gives more parts.
+        /// Concavity that a part may have, as a share of its volume (V-HACD). Less gives more
+        /// parts.
         pub concavity: f64 = 0.02,
         /// Maximum number of parts of a thing in a tile.
         pub max_parts: u32 = 16,

@@ -1,7 +1,8 @@
 //! Convex parts of things that are neither plane nor ground, by V-HACD (Mamou 2016) of `parry3d`.
 //!
-//! The decomposition works on voxels of the surface, in tiles, since its tolerance is relative to the
-//! size of what it divides. Backs that no view saw stay open: parts are as thick as a voxel there.
+//! The decomposition works on voxels of the surface, in tiles, since its tolerance is relative to
+//! the size of what it divides. Backs that no view saw stay open: parts are as thick as a voxel
+//! there.
 
 use std::collections::BTreeMap;
 

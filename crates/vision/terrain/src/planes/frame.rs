@@ -38,8 +38,8 @@ impl PlaneFrame {
         self.origin + self.u * s + self.v * t
     }
 
-    /// Rotated and displaced so that the plane is at this height above the present one: at the origin,
-    /// and per metre along both axes.
+    /// Rotated and displaced so that the plane is at this height above the present one: at the
+    /// origin, and per metre along both axes.
     pub(crate) fn adjusted(&self, height: [f64; 3]) -> Self {
         let normal = (self.normal - self.u * height[1] - self.v * height[2]).normalize();
         let u = (self.u - normal * normal.dot(&self.u)).normalize();

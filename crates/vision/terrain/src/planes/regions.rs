@@ -9,6 +9,12 @@ use crate::mesh::Mesh;
 /// Maximum gap between regions that are merged, m.
 const MERGE_GAP_M: f64 = 0.06;
 
+/// Least and greatest coordinates.
+type Bounds = (Vector3<f64>, Vector3<f64>);
+
+/// A region with its bounds, and whether others were merged into it.
+type Kept = (Region, Bounds, bool);
+
 /// Vertices on a plane.
 pub(crate) struct Region {
     pub(crate) frame: PlaneFrame,
@@ -165,7 +171,7 @@ fn merged(
 ) -> Vec<Region> {
     regions.sort_by_key(|region| (std::cmp::Reverse(region.vertices.len()), region.vertices[0]));
     let min_cos = cos(config.max_merge_angle_rad);
-    let bounds = |region: &Region| {
+    let bounds = |region: &Region| -> Bounds {
         let start = (
             Vector3::repeat(f64::INFINITY),
             Vector3::repeat(f64::NEG_INFINITY),
@@ -175,7 +181,7 @@ fn merged(
             (low.inf(x), high.sup(x))
         })
     };
-    let mut kept: Vec<(Region, (Vector3<f64>, Vector3<f64>), bool)> = Vec::new();
+    let mut kept: Vec<Kept> = Vec::new();
     for region in regions {
         let own = bounds(&region);
         let part_of = kept.iter().position(|(larger, (low, high), _)| {
