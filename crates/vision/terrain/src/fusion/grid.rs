@@ -16,9 +16,9 @@ pub(crate) const MAX_COORDINATE: i32 = (1 << 20) - 1;
 /// Position of a block, in blocks.
 pub(crate) type Key = [i32; 3];
 
-/// A key as a number, in the order of z, y, x.
+/// A key as a number, in the order of z, y, x. Coordinates beyond the maximum alias others.
 pub(crate) fn pack(key: Key) -> u64 {
-    let part = |k: usize| (key[k] + MAX_COORDINATE + 1) as u64 & 0x1f_ffff;
+    let part = |k: usize| (i64::from(key[k]) + i64::from(MAX_COORDINATE) + 1) as u64 & 0x1f_ffff;
     part(2) << 42 | part(1) << 21 | part(0)
 }
 

@@ -113,8 +113,9 @@ impl<'a> Integration<'a> {
             if high < 0.0 || low > view.size[k] as f64 {
                 return false;
             }
-            from[k] = (low.max(0.0) / side) as usize;
-            to[k] = ((high / side) as usize).min(self.frame.cells_size[k] - 1);
+            let last = self.frame.cells_size[k] - 1;
+            from[k] = ((low.max(0.0) / side) as usize).min(last);
+            to[k] = ((high / side) as usize).min(last);
         }
         let Some([min_depth, max_depth]) = self.pyramid.range(from, to) else {
             return false;
