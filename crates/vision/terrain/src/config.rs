@@ -72,10 +72,10 @@ config! {
         pub max_normal_angle_rad: f64 = 0.30,
         /// Minimum area, m2.
         pub min_area_m2: f64 = 0.05,
-        /// Maximum root mean square distance of a region from the plane of a larger one beside it,
-        /// of which it then is a part, m: noise of the mesh divides regions.
-        pub max_merge_m: f64 = 0.008,
-        /// Maximum angle of their normals, rad: small regions have noisy ones.
+        /// Maximum root mean square distance of two regions beside each other from one plane, of
+        /// which they then are parts, m: noise of the mesh divides regions.
+        pub max_merge_m: f64 = 0.005,
+        /// Maximum angle of their normals with its, rad: small regions have noisy ones.
         pub max_merge_angle_rad: f64 = 0.10,
         /// Maximum distance of a plane's points from its first one, m. Larger surfaces become
         /// several planes: nothing outdoors is plane over many metres.

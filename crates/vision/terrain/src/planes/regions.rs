@@ -12,8 +12,8 @@ const MERGE_GAP_M: f64 = 0.06;
 /// Least and greatest coordinates.
 type Bounds = (Vector3<f64>, Vector3<f64>);
 
-/// A region with its bounds, and whether others were merged into it.
-type Kept = (Region, Bounds, bool);
+/// A region with its bounds and moments.
+type Kept = (Region, Bounds, Moments);
 
 /// Vertices on a plane.
 pub(crate) struct Region {
@@ -72,16 +72,31 @@ impl Moments {
         self.normals += normal;
     }
 
+    fn sum(&self, other: &Self) -> Self {
+        Self {
+            count: self.count + other.count,
+            sum: self.sum + other.sum,
+            square: self.square + other.square,
+            normals: self.normals + other.normals,
+        }
+    }
+
     /// Mean and normal on the side of the mean normal.
     fn plane(&self) -> (Vector3<f64>, Vector3<f64>) {
+        (self.sum / self.count, self.normal().0)
+    }
+
+    /// Normal, and root mean square distance from the plane.
+    fn normal(&self) -> (Vector3<f64>, f64) {
         let mean = self.sum / self.count;
         let covariance = self.square / self.count - mean * mean.transpose();
         let eigen = SymmetricEigen::new(covariance);
         let least = eigen.eigenvalues.imin();
         let normal = eigen.eigenvectors.column(least).into_owned();
+        let deviation = eigen.eigenvalues[least].max(0.0).sqrt();
         match normal.dot(&self.normals) < 0.0 {
-            true => (mean, -normal),
-            false => (mean, normal),
+            true => (-normal, deviation),
+            false => (normal, deviation),
         }
     }
 }
@@ -171,6 +186,9 @@ fn merged(
 ) -> Vec<Region> {
     regions.sort_by_key(|region| (std::cmp::Reverse(region.vertices.len()), region.vertices[0]));
     let min_cos = cos(config.max_merge_angle_rad);
+    let Some(origin) = regions.first().map(|region| region.frame.origin) else {
+        return regions;
+    };
     let bounds = |region: &Region| -> Bounds {
         let start = (
             Vector3::repeat(f64::INFINITY),
@@ -181,47 +199,43 @@ fn merged(
             (low.inf(x), high.sup(x))
         })
     };
+    let moments = |region: &Region| {
+        let mut moments = Moments::default();
+        for i in &region.vertices {
+            moments.add(&(positions[*i as usize] - origin), &normals[*i as usize]);
+        }
+        moments
+    };
     let mut kept: Vec<Kept> = Vec::new();
     for region in regions {
-        let own = bounds(&region);
-        let part_of = kept.iter().position(|(larger, (low, high), _)| {
-            let frame = &larger.frame;
-            let touches = (0..3)
-                .all(|k| low[k] - MERGE_GAP_M <= own.1[k] && own.0[k] - MERGE_GAP_M <= high[k]);
-            let is_near = (region.frame.origin - frame.origin).norm() <= config.max_radius_m;
-            touches && is_near && frame.normal.dot(&region.frame.normal) >= min_cos && {
-                let square = |i: &u32| {
-                    let height = frame.normal.dot(&(positions[*i as usize] - frame.origin));
-                    height * height
-                };
-                let mean =
-                    region.vertices.iter().map(square).sum::<f64>() / region.vertices.len() as f64;
-                mean <= config.max_merge_m * config.max_merge_m
+        let (own_bounds, own) = (bounds(&region), moments(&region));
+        let part_of = kept.iter().position(|(larger, (low, high), moments)| {
+            let touches = (0..3).all(|k| {
+                low[k] - MERGE_GAP_M <= own_bounds.1[k] && own_bounds.0[k] - MERGE_GAP_M <= high[k]
+            });
+            let is_near = (region.frame.origin - larger.frame.origin).norm() <= config.max_radius_m;
+            touches && is_near && {
+                let (joint, deviation) = moments.sum(&own).normal();
+                deviation <= config.max_merge_m
+                    && [&region, larger]
+                        .iter()
+                        .all(|of| of.frame.normal.dot(&joint) >= min_cos)
             }
         });
         match part_of {
             Some(number) => {
-                let (larger, (low, high), is_changed) = &mut kept[number];
+                let (larger, (low, high), moments) = &mut kept[number];
                 larger.vertices.extend(region.vertices);
-                (*low, *high, *is_changed) = (low.inf(&own.0), high.sup(&own.1), true);
+                larger.vertices.sort_unstable();
+                (*low, *high) = (low.inf(&own_bounds.0), high.sup(&own_bounds.1));
+                *moments = moments.sum(&own);
+                let (center, normal) = moments.plane();
+                larger.frame = PlaneFrame::new(center + origin, normal);
             }
-            None => kept.push((region, own, false)),
+            None => kept.push((region, own_bounds, own)),
         }
     }
-    let refitted = kept.into_iter().map(|(mut region, _, is_changed)| {
-        if is_changed {
-            region.vertices.sort_unstable();
-            let start = region.frame.origin;
-            let mut moments = Moments::default();
-            for i in &region.vertices {
-                moments.add(&(positions[*i as usize] - start), &normals[*i as usize]);
-            }
-            let (center, normal) = moments.plane();
-            region.frame = PlaneFrame::new(center + start, normal);
-        }
-        region
-    });
-    refitted.collect()
+    kept.into_iter().map(|(region, _, _)| region).collect()
 }
 
 /// A third of the area of the triangles around each vertex, m2.
