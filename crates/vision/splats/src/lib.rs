@@ -1,0 +1,19 @@
+//! Scenes of 3D Gaussians.
+#![allow(
+    clippy::needless_range_loop,
+    reason = "formulas of vectors and matrices use the same index in several arrays"
+)]
+
+mod camera;
+mod config;
+mod error;
+mod harmonics;
+mod lanes;
+pub mod reference;
+mod scene;
+
+pub use camera::{Camera, Shutter};
+pub use config::RenderConfig;
+pub use error::SplatError;
+pub use lanes::Level;
+pub use scene::{Background, Exposure, MAX_DEGREE, Plane, Scene, Sky, Splat, Splats, coefficients};
