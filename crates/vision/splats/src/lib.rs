@@ -10,10 +10,12 @@ mod error;
 mod harmonics;
 mod lanes;
 pub mod reference;
+mod render;
 mod scene;
 
 pub use camera::{Camera, Shutter};
 pub use config::RenderConfig;
 pub use error::SplatError;
 pub use lanes::Level;
+pub use render::{Image, Pass, RenderStats, Renderer};
 pub use scene::{Background, Exposure, MAX_DEGREE, Plane, Scene, Sky, Splat, Splats, coefficients};
