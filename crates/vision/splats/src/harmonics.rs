@@ -87,7 +87,11 @@ pub(crate) fn gradient<V: Lanes>([x, y, z]: [V; 3], weight: &[V; 16], degree: us
         return out;
     }
     let two = s(2.0);
-    let [a, b, c, d, e] = std::array::from_fn(|k| w[4 + k] * s(Y2[k]));
+    let mut scaled = [s(0.0); 5];
+    for k in 0..5 {
+        scaled[k] = w[4 + k] * s(Y2[k]);
+    }
+    let [a, b, c, d, e] = scaled;
     out[0] = out[0] + a * y - two * c * x + d * z + two * e * x;
     out[1] = out[1] + a * x + b * z - two * c * y - two * e * y;
     out[2] = out[2] + b * y + s(4.0) * c * z + d * x;
@@ -97,7 +101,10 @@ pub(crate) fn gradient<V: Lanes>([x, y, z]: [V; 3], weight: &[V; 16], degree: us
     let (xx, yy, zz) = (x * x, y * y, z * z);
     let (xy, yz, xz) = (x * y, y * z, x * z);
     let (three, six, eight) = (s(3.0), s(6.0), s(8.0));
-    let h: [V; 7] = std::array::from_fn(|k| w[9 + k] * s(Y3[k]));
+    let mut h = [s(0.0); 7];
+    for k in 0..7 {
+        h[k] = w[9 + k] * s(Y3[k]);
+    }
     out[0] = out[0] + h[0] * six * xy + h[1] * yz - h[2] * two * xy - h[3] * six * xz
         + h[4] * (s(4.0) * zz - three * xx - yy)
         + h[5] * two * xz

@@ -5,6 +5,9 @@
 //! additions are fused where and only where [`Lanes::mul_add`] is written, sums over lanes have a
 //! fixed order, and the exponential is computed from these operations. A kernel is a struct with
 //! [`Kernel::run`]; [`Level::run`] compiles it for each instruction set and calls the selected one.
+//!
+//! Kernels call no closures: closures are compiled without the instruction set, and what they
+//! contain is then called, not inlined.
 
 use std::ops::{Add, Div, Mul, Neg, Sub};
 

@@ -147,10 +147,12 @@ fn spans(
 
 /// Pixels whose centers are in `mean + low ..= mean + high`.
 fn pixels(mean: f32, low: f32, high: f32, size: usize) -> Option<Range<u32>> {
-    let last = (size - 1) as f32;
-    let start = (mean + low - SLACK_PX).ceil().clamp(0.0, last + 1.0);
-    let end = (mean + high + SLACK_PX).floor().clamp(-1.0, last) + 1.0;
-    (start < end).then_some(start as u32..end as u32)
+    // First pixel at or above the lower end, last one at or below the upper end.
+    let low = (mean + low - SLACK_PX).clamp(0.0, size as f32);
+    let high = (mean + high + SLACK_PX).clamp(-1.0, (size - 1) as f32);
+    let start = low as u32 + u32::from(low > low as u32 as f32);
+    let end = (high + 1.0) as u32;
+    (start < end).then_some(start..end)
 }
 
 /// Columns of pixels that the ellipse reaches within a row of tiles.

@@ -123,15 +123,66 @@ pub(super) fn cells<V: Lanes>(f: &Footprint, [x, y]: [f32; 2]) -> u32 {
         let middle = dy * s(-b * inverse);
         let (low, high) = (middle - width, middle + width);
         let reached = (-square).less(s(0.0));
-        let side = |from: f32| {
-            let inside = low
-                .less(s(from + (LANES - 1) as f32))
-                .and(s(from).less(high));
-            inside.and(reached).bits()
-        };
-        bits |= side(from) << (half * LANES) | side(from + LANES as f32) << (half * LANES + TILE);
+        let left = within(low, high, from).and(reached).bits();
+        let right = within(low, high, from + LANES as f32).and(reached).bits();
+        bits |= left << (half * LANES) | right << (half * LANES + TILE);
     }
     bits
+}
+
+/// Entries that are read ahead.
+const BATCH: usize = 32;
+
+/// The footprints of a tile, read ahead: their addresses are scattered, and the processor waits for
+/// one at a time where branches follow each, but for many in a loop of copies.
+pub(super) struct Batch<'a> {
+    footprints: &'a [Footprint],
+    entries: &'a [u32],
+    ahead: [Footprint; BATCH],
+    next: usize,
+}
+
+impl<'a> Batch<'a> {
+    #[inline(always)]
+    pub(super) fn new(footprints: &'a [Footprint], entries: &'a [u32]) -> Self {
+        Self {
+            footprints,
+            entries,
+            ahead: [Footprint::default(); BATCH],
+            next: BATCH,
+        }
+    }
+
+    #[inline(always)]
+    pub(super) fn next(&mut self) -> Option<&Footprint> {
+        if self.next == BATCH {
+            if self.entries.is_empty() {
+                return None;
+            }
+            let (now, later) = self.entries.split_at(BATCH.min(self.entries.len()));
+            // The last batch ends where all do.
+            self.next = BATCH - now.len();
+            for (to, entry) in self.ahead[self.next..].iter_mut().zip(now) {
+                *to = self.footprints[*entry as usize];
+            }
+            self.entries = later;
+        }
+        self.next += 1;
+        self.ahead.get(self.next - 1)
+    }
+}
+
+/// Whether an interval reaches the eight pixels from `from` on.
+#[inline(always)]
+fn within<V: Lanes>(low: V, high: V, from: f32) -> V {
+    let last = V::splat(from + (LANES - 1) as f32);
+    low.less(last).and(V::splat(from).less(high))
+}
+
+/// Adds `weight * value`.
+#[inline(always)]
+fn add<V: Lanes>(to: &mut [f32; LANES], weight: V, value: V) {
+    weight.mul_add(value, V::load(to)).store(to);
 }
 
 /// Blends one tile.
@@ -160,8 +211,8 @@ impl Kernel for Blend<'_> {
         let s = V::splat;
         let (max_alpha, min_alpha) = (s(self.config.max_alpha), s(self.config.min_alpha));
         let least = s(self.config.min_transmittance);
-        for entry in self.entries {
-            let f = &self.footprints[*entry as usize];
+        let mut batch = Batch::new(self.footprints, self.entries);
+        while let Some(f) = batch.next() {
             let mut bits = cells::<V>(f, origin) & live;
             let local = Local::<V>::new(f, origin);
             while bits != 0 {
@@ -177,13 +228,10 @@ impl Kernel for Blend<'_> {
                 let next = before - weight;
                 let kept = least.less(next);
                 let weight = weight.and(kept).and_not(skipped);
-                let add = |to: &mut [f32; LANES], value: f32| {
-                    weight.mul_add(s(value), V::load(to)).store(to);
-                };
-                add(&mut out.rgb[0][cell], f.color[0]);
-                add(&mut out.rgb[1][cell], f.color[1]);
-                add(&mut out.rgb[2][cell], f.color[2]);
-                add(&mut out.depth[cell], f.z);
+                add(&mut out.rgb[0][cell], weight, s(f.color[0]));
+                add(&mut out.rgb[1][cell], weight, s(f.color[1]));
+                add(&mut out.rgb[2][cell], weight, s(f.color[2]));
+                add(&mut out.depth[cell], weight, s(f.z));
                 let after = skipped.select(before, kept.select(next, -before.abs()));
                 let crossed = s(0.5).less(before).and_not(s(0.5).less(after)).and(kept);
                 if crossed.bits() != 0 {

@@ -58,6 +58,7 @@ pub(super) fn project(
                 config,
                 start,
                 end: splats.len().min(start + CHUNK),
+                reach: 2.0 * libm::logf(1.0 / config.min_alpha) * 1.001,
             })
         })
         .collect();
@@ -76,6 +77,8 @@ struct Project<'a> {
     config: &'a RenderConfig,
     start: usize,
     end: usize,
+    /// `dᵀ Q d` at which the alpha of an opaque Gaussian falls to its minimum, and a margin.
+    reach: f32,
 }
 
 impl Kernel for Project<'_> {
@@ -98,113 +101,98 @@ impl Project<'_> {
     fn block<V: Lanes>(&self, start: usize, out: &mut Vec<Footprint>) -> usize {
         let s = V::splat;
         let config = self.config;
-        let planes = self.splats.planes();
         let count = (self.end - start).min(LANES);
-        let load = |plane: usize| load_padded::<V>(&planes[plane], start, count);
-        let place = Placement::new(
-            std::array::from_fn(|k| load(Plane::POSITION + k)),
-            self.view,
-        );
-        let z = place.p[2];
-        let mut visible = z.less(s(config.near_m)).or(s(config.far_m).less(z)).bits() ^ 0xff;
-        visible &= (1 << count) - 1;
-        if visible == 0 {
-            return 0;
-        }
-        let scale: [V; 3] = std::array::from_fn(|k| load(Plane::SCALE + k).exp());
-        let Linear {
-            mean,
-            jacobian,
-            valid,
-        } = Linear::new(&place, self.view);
-        visible &= valid;
-        if self.view.rolling.is_none() {
-            visible &= self.near_image(&mean, &jacobian, &scale);
-        }
-        if visible == 0 {
-            return 0;
-        }
-        let rotation = axes(std::array::from_fn(|k| load(Plane::ROTATION + k)));
-        let root = root(&jacobian, self.view, &rotation, &scale);
-        let shear = self
-            .view
-            .rolling
-            .map(|rolling| Shear::new(&rolling, &place.p, &jacobian, &mean));
-        let (mean, root) = match &shear {
-            None => (mean, root),
-            Some(shear) => {
-                visible &= s(config.min_shear).less(shear.denominator).bits();
-                (shear.mean(&mean), shear.apply(&root))
-            }
+        let block = Block {
+            planes: self.splats.planes(),
+            start,
+            count,
         };
-        let Shape {
-            covariance: [xx, xy, yy],
-            determinant,
-            still,
-        } = Shape::new(&root, config.dilation_px2);
+        let place = Placement::new(block.load3::<V>(Plane::POSITION), self.view);
+        let z = place.p[2];
+        let hidden = z.less(s(config.near_m)).or(s(config.far_m).less(z));
+        let mut visible = (hidden.bits() ^ 0xff) & ((1 << count) - 1);
+        if visible == 0 {
+            return 0;
+        }
+        let [sx, sy, sz] = block.load3::<V>(Plane::SCALE);
+        let scale = [sx.exp(), sy.exp(), sz.exp()];
+        let linear = Linear::new(&place, self.view);
+        visible &= linear.valid;
+        if self.view.rolling.is_none() {
+            visible &= self.near_image(&linear, &scale);
+        }
+        if visible == 0 {
+            return 0;
+        }
+        let axes = axes(block.load4::<V>(Plane::ROTATION));
+        let mut root = root(&linear.jacobian, self.view, &axes, &scale);
+        let mut mean = linear.mean;
+        if let Some(rolling) = &self.view.rolling {
+            let shear = Shear::new(rolling, &place.p, &linear);
+            visible &= s(config.min_shear).less(shear.denominator).bits();
+            mean = shear.mean(&mean);
+            root = shear.apply(&root);
+        }
+        let shape = Shape::new(&root, config.dilation_px2);
+        let determinant = shape.determinant;
         let representable = s(0.0)
             .less(determinant)
-            .and(determinant.less(s(MAX_DETERMINANT)))
-            .bits();
-        let degenerate = (visible & !representable).count_ones() as usize;
-        visible &= representable;
+            .and(determinant.less(s(MAX_DETERMINANT)));
+        let degenerate = (visible & !representable.bits()).count_ones() as usize;
+        visible &= representable.bits();
         let compensation = match config.compensate {
-            true => (still / determinant)
-                .max(s(0.0))
-                .sqrt()
-                .max(s(config.min_compensation)),
+            true => shape.compensation(config.min_compensation),
             false => s(1.0),
         };
-        let opacity = sigmoid(load(Plane::OPACITY)) * compensation;
+        let opacity = sigmoid(block.load::<V>(Plane::OPACITY)) * compensation;
         visible &= opacity.less(s(config.min_alpha)).bits() ^ 0xff;
         if visible == 0 {
             return degenerate;
         }
-        let color = color(&place, self.splats.degree(), load);
+        let [red, green, blue] = color(&place, self.splats.degree(), &block);
         let inverse = s(1.0) / determinant;
-        let values = [
-            mean[0],
-            mean[1],
-            yy * inverse,
-            -xy * inverse,
-            xx * inverse,
-            inverse,
-            xx,
-            yy,
-            opacity,
-            color[0],
-            color[1],
-            color[2],
-            z,
-        ];
-        let values = values.map(|value| {
-            let mut lanes = [0.0; LANES];
-            value.store(&mut lanes);
-            lanes
-        });
+        let [xx, xy, yy] = shape.covariance;
+        let mut values = [[0.0; LANES]; 13];
+        mean[0].store(&mut values[0]);
+        mean[1].store(&mut values[1]);
+        (yy * inverse).store(&mut values[2]);
+        (-xy * inverse).store(&mut values[3]);
+        (xx * inverse).store(&mut values[4]);
+        inverse.store(&mut values[5]);
+        xx.store(&mut values[6]);
+        yy.store(&mut values[7]);
+        opacity.store(&mut values[8]);
+        red.store(&mut values[9]);
+        green.store(&mut values[10]);
+        blue.store(&mut values[11]);
+        z.store(&mut values[12]);
         while visible != 0 {
             let lane = visible.trailing_zeros() as usize;
             visible &= visible - 1;
-            out.extend(self.footprint(values.map(|lanes| lanes[lane]), (start + lane) as u32));
+            let mut of_lane = [0.0; 13];
+            for (value, lanes) in of_lane.iter_mut().zip(&values) {
+                *value = lanes[lane % LANES];
+            }
+            out.extend(self.footprint(of_lane, (start + lane) as u32));
         }
         degenerate
     }
 
     /// Lanes whose ellipse can reach the image: the largest scale bounds it in every direction.
     #[inline(always)]
-    fn near_image<V: Lanes>(&self, mean: &[V; 2], jacobian: &[[V; 3]; 2], scale: &[V; 3]) -> u32 {
+    fn near_image<V: Lanes>(&self, linear: &Linear<V>, scale: &[V; 3]) -> u32 {
         let s = V::splat;
         let largest = scale[0].max(scale[1]).max(scale[2]);
         // The ellipse of an opacity of 1, with a margin for rounding.
-        let reach = s(2.0 * libm::logf(1.0 / self.config.min_alpha) * 1.001);
+        let reach = s(self.reach);
+        let size = [self.view.width as f32, self.view.height as f32];
         let mut near = 0xff;
-        for (k, size) in [self.view.width, self.view.height].into_iter().enumerate() {
-            let [a, b, c] = jacobian[k];
-            let square = a.mul_add(a, b.mul_add(b, c * c));
-            let variance = square.mul_add(largest * largest, s(self.config.dilation_px2));
+        for k in 0..2 {
+            let row = linear.jacobian[k];
+            let variance = dot(&row, &row).mul_add(largest * largest, s(self.config.dilation_px2));
             let extent = (variance * reach).sqrt() + s(1.0);
-            near &= (s(0.0) - extent).less(mean[k]).bits();
-            near &= mean[k].less(s(size as f32) + extent).bits();
+            near &= (-extent).less(linear.mean[k]).bits();
+            near &= linear.mean[k].less(s(size[k]) + extent).bits();
         }
         near
     }
@@ -247,17 +235,67 @@ impl Project<'_> {
     }
 }
 
-/// Eight values of a plane; zeros beyond `count`.
-#[inline(always)]
-pub(super) fn load_padded<V: Lanes>(plane: &[f32], start: usize, count: usize) -> V {
-    match plane[start..].first_chunk::<LANES>() {
-        Some(values) => V::load(values),
-        None => {
-            let mut values = [0.0; LANES];
-            values[..count].copy_from_slice(&plane[start..start + count]);
-            V::load(&values)
+/// Eight neighboring Gaussians, fewer at the end.
+pub(super) struct Block<'a> {
+    pub(super) planes: &'a [Vec<f32>],
+    pub(super) start: usize,
+    pub(super) count: usize,
+}
+
+impl Block<'_> {
+    /// Eight values of a plane; zeros beyond `count`.
+    #[inline(always)]
+    fn load<V: Lanes>(&self, plane: usize) -> V {
+        let from = &self.planes[plane][self.start..];
+        match from.first_chunk::<LANES>() {
+            Some(values) => V::load(values),
+            None => {
+                let mut values = [0.0; LANES];
+                values[..self.count].copy_from_slice(&from[..self.count]);
+                V::load(&values)
+            }
         }
     }
+
+    #[inline(always)]
+    fn load3<V: Lanes>(&self, plane: usize) -> [V; 3] {
+        [self.load(plane), self.load(plane + 1), self.load(plane + 2)]
+    }
+
+    #[inline(always)]
+    fn load4<V: Lanes>(&self, plane: usize) -> [V; 4] {
+        let [a, b, c] = self.load3(plane);
+        [a, b, c, self.load(plane + 3)]
+    }
+}
+
+/// Scalar product.
+#[inline(always)]
+pub(super) fn dot<V: Lanes>(a: &[V; 3], b: &[V; 3]) -> V {
+    a[0].mul_add(b[0], a[1].mul_add(b[1], a[2] * b[2]))
+}
+
+/// Row times matrix.
+#[inline(always)]
+pub(super) fn row_times<V: Lanes>(row: &[V; 3], matrix: &[[V; 3]; 3]) -> [V; 3] {
+    let [a, b, c] = matrix;
+    [
+        row[0].mul_add(a[0], row[1].mul_add(b[0], row[2] * c[0])),
+        row[0].mul_add(a[1], row[1].mul_add(b[1], row[2] * c[1])),
+        row[0].mul_add(a[2], row[1].mul_add(b[2], row[2] * c[2])),
+    ]
+}
+
+/// A matrix in all lanes.
+#[inline(always)]
+pub(super) fn splat3x3<V: Lanes>(of: &[[f32; 3]; 3]) -> [[V; 3]; 3] {
+    let mut out = [[V::splat(0.0); 3]; 3];
+    for i in 0..3 {
+        for j in 0..3 {
+            out[i][j] = V::splat(of[i][j]);
+        }
+    }
+    out
 }
 
 /// `1 / (1 + exp(-x))`.
@@ -277,15 +315,13 @@ pub(super) struct Placement<V> {
 impl<V: Lanes> Placement<V> {
     #[inline(always)]
     pub(super) fn new(position: [V; 3], view: &View) -> Self {
-        let offset: [V; 3] = std::array::from_fn(|k| position[k] - V::splat(view.center[k]));
-        let along = |row: [f32; 3]| {
-            let [a, b, c] = row.map(V::splat);
-            a.mul_add(offset[0], b.mul_add(offset[1], c * offset[2]))
-        };
-        Self {
-            offset,
-            p: view.rotation.map(along),
+        let mut offset = position;
+        for k in 0..3 {
+            offset[k] = position[k] - V::splat(view.center[k]);
         }
+        let [a, b, c] = splat3x3(&view.rotation);
+        let p = [dot(&a, &offset), dot(&b, &offset), dot(&c, &offset)];
+        Self { offset, p }
     }
 }
 
@@ -373,17 +409,6 @@ pub(super) fn axes<V: Lanes>(quaternion: [V; 4]) -> [[V; 3]; 3] {
     ]
 }
 
-/// `J R`: the lens's Jacobian in the axes of the world.
-#[inline(always)]
-pub(super) fn jacobian_in_world<V: Lanes>(jacobian: &[[V; 3]; 2], view: &View) -> [[V; 3]; 2] {
-    jacobian.map(|row| {
-        std::array::from_fn(|k| {
-            let column: [V; 3] = std::array::from_fn(|i| V::splat(view.rotation[i][k]));
-            row[0].mul_add(column[0], row[1].mul_add(column[1], row[2] * column[2]))
-        })
-    })
-}
-
 /// The root `N` of the covariance in the image.
 #[inline(always)]
 pub(super) fn root<V: Lanes>(
@@ -392,12 +417,15 @@ pub(super) fn root<V: Lanes>(
     axes: &[[V; 3]; 3],
     scale: &[V; 3],
 ) -> [[V; 3]; 2] {
-    jacobian_in_world(jacobian, view).map(|row| {
-        std::array::from_fn(|k| {
-            let along = row[0].mul_add(axes[0][k], row[1].mul_add(axes[1][k], row[2] * axes[2][k]));
-            along * scale[k]
-        })
-    })
+    let rotation = splat3x3(&view.rotation);
+    let mut root = *jacobian;
+    for row in 0..2 {
+        root[row] = row_times(&row_times(&jacobian[row], &rotation), axes);
+        for k in 0..3 {
+            root[row][k] = root[row][k] * scale[k];
+        }
+    }
+    root
 }
 
 /// The shear of a rolling shutter.
@@ -416,25 +444,25 @@ pub(super) struct Shear<V> {
 
 impl<V: Lanes> Shear<V> {
     #[inline(always)]
-    pub(super) fn new(
-        rolling: &Rolling,
-        p: &[V; 3],
-        jacobian: &[[V; 3]; 2],
-        mean: &[V; 2],
-    ) -> Self {
+    pub(super) fn new(rolling: &Rolling, p: &[V; 3], linear: &Linear<V>) -> Self {
         let s = V::splat;
-        let [vx, vy, vz] = rolling.velocity.map(s);
-        let [wx, wy, wz] = rolling.rate.map(s);
+        let [vx, vy, vz] = [
+            s(rolling.velocity[0]),
+            s(rolling.velocity[1]),
+            s(rolling.velocity[2]),
+        ];
+        let [wx, wy, wz] = [s(rolling.rate[0]), s(rolling.rate[1]), s(rolling.rate[2])];
         let u = [
             vx + wy * p[2] - wz * p[1],
             vy + wz * p[0] - wx * p[2],
             vz + wx * p[1] - wy * p[0],
         ];
-        let velocity = jacobian.map(|row| -(row[0] * u[0] + row[1] * u[1] + row[2] * u[2]));
-        let gradient = rolling.gradient.map(s);
+        let [first, second] = &linear.jacobian;
+        let velocity = [-dot(first, &u), -dot(second, &u)];
+        let gradient = [s(rolling.gradient[0]), s(rolling.gradient[1])];
         let denominator = s(1.0) - gradient[0] * velocity[0] - gradient[1] * velocity[1];
-        let time = gradient[0] * (mean[0] - s(rolling.reference[0]))
-            + gradient[1] * (mean[1] - s(rolling.reference[1]));
+        let time = gradient[0] * (linear.mean[0] - s(rolling.reference[0]))
+            + gradient[1] * (linear.mean[1] - s(rolling.reference[1]));
         Self {
             u,
             velocity,
@@ -448,18 +476,23 @@ impl<V: Lanes> Shear<V> {
     #[inline(always)]
     fn mean(&self, mean: &[V; 2]) -> [V; 2] {
         let by = self.stretch * self.time;
-        std::array::from_fn(|k| self.velocity[k].mul_add(by, mean[k]))
+        [
+            self.velocity[0].mul_add(by, mean[0]),
+            self.velocity[1].mul_add(by, mean[1]),
+        ]
     }
 
     /// The sheared root: `(I + stretch v gᵀ) N`.
     #[inline(always)]
     pub(super) fn apply(&self, root: &[[V; 3]; 2]) -> [[V; 3]; 2] {
-        let along: [V; 3] = std::array::from_fn(|k| {
-            (self.gradient[0] * root[0][k] + self.gradient[1] * root[1][k]) * self.stretch
-        });
-        std::array::from_fn(|row| {
-            std::array::from_fn(|k| self.velocity[row].mul_add(along[k], root[row][k]))
-        })
+        let mut out = *root;
+        for k in 0..3 {
+            let along = self.gradient[0] * root[0][k] + self.gradient[1] * root[1][k];
+            let along = along * self.stretch;
+            out[0][k] = self.velocity[0].mul_add(along, root[0][k]);
+            out[1][k] = self.velocity[1].mul_add(along, root[1][k]);
+        }
+        out
     }
 }
 
@@ -476,12 +509,14 @@ pub(super) struct Shape<V> {
 impl<V: Lanes> Shape<V> {
     #[inline(always)]
     pub(super) fn new(root: &[[V; 3]; 2], dilation: f32) -> Self {
-        let [a, b] = *root;
-        let dot = |a: [V; 3], b: [V; 3]| a[0].mul_add(b[0], a[1].mul_add(b[1], a[2] * b[2]));
-        let minor = |i: usize, j: usize| a[i] * b[j] - a[j] * b[i];
+        let [a, b] = root;
         let (xx, xy, yy) = (dot(a, a), dot(a, b), dot(b, b));
-        let minors = [minor(1, 2), minor(2, 0), minor(0, 1)];
-        let still = dot(minors, minors);
+        let minors = [
+            a[1] * b[2] - a[2] * b[1],
+            a[2] * b[0] - a[0] * b[2],
+            a[0] * b[1] - a[1] * b[0],
+        ];
+        let still = dot(&minors, &minors);
         let e = V::splat(dilation);
         let determinant = e.mul_add(xx + yy + e, still);
         Self {
@@ -489,6 +524,12 @@ impl<V: Lanes> Shape<V> {
             determinant,
             still,
         }
+    }
+
+    /// Factor on the opacity, not below `min`.
+    #[inline(always)]
+    pub(super) fn compensation(&self, min: f32) -> V {
+        (self.still / self.determinant).sqrt().max(V::splat(min))
     }
 }
 
@@ -503,14 +544,17 @@ pub(super) fn directions<V: Lanes>(place: &Placement<V>) -> ([V; 3], V) {
 
 /// Colors towards the camera.
 #[inline(always)]
-fn color<V: Lanes>(place: &Placement<V>, degree: usize, load: impl Fn(usize) -> V) -> [V; 3] {
+fn color<V: Lanes>(place: &Placement<V>, degree: usize, block: &Block<'_>) -> [V; 3] {
     let (direction, _) = directions(place);
     let basis = harmonics::basis(direction, degree);
-    let mut color = [V::splat(0.5); 3];
-    for (k, value) in basis.iter().take(coefficients(degree)).enumerate() {
-        for (c, sum) in color.iter_mut().enumerate() {
-            *sum = value.mul_add(load(Plane::HARMONICS + 3 * k + c), *sum);
-        }
+    let half = V::splat(0.5);
+    let [mut red, mut green, mut blue] = [half; 3];
+    for k in 0..coefficients(degree) {
+        let [r, g, b] = block.load3::<V>(Plane::HARMONICS + 3 * k);
+        red = basis[k].mul_add(r, red);
+        green = basis[k].mul_add(g, green);
+        blue = basis[k].mul_add(b, blue);
     }
-    color.map(|value| value.max(V::splat(0.0)))
+    let zero = V::splat(0.0);
+    [red.max(zero), green.max(zero), blue.max(zero)]
 }
