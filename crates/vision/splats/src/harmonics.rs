@@ -4,7 +4,10 @@
 //! Gaussian, in the world. Constants: the real harmonics of a unit sphere (e.g. Sloan, Stupid
 //! Spherical Harmonics Tricks, 2008), with the Condon-Shortley phase.
 
+use nalgebra::{DMatrix, UnitQuaternion, Vector3};
+
 use crate::lanes::Lanes;
+use crate::reference;
 
 /// `Y_0`, the constant harmonic: `1 / (2 √π)`.
 pub(crate) const CONSTANT: f32 = 0.282_094_8;
@@ -124,4 +127,24 @@ pub(crate) fn gradient<V: Lanes>([x, y, z]: [V; 3], weight: &[V; 16], degree: us
         + h[4] * eight * xz
         + h[5] * (xx - yy);
     out
+}
+
+/// Coefficients of the harmonics of one degree after a rotation of the scene, from those before.
+pub(crate) fn rotation_of_band(degree: usize, turn: &UnitQuaternion<f64>) -> DMatrix<f64> {
+    let (first, size) = (degree * degree, 2 * degree + 1);
+    let directions: Vec<Vector3<f64>> = (0..size).map(spiral).collect();
+    let values = |turn: &UnitQuaternion<f64>| {
+        DMatrix::from_fn(size, size, |row, k| {
+            reference::harmonics(turn * directions[row], first + size)[first + k]
+        })
+    };
+    let after = values(turn).try_inverse();
+    after.expect("a band has full rank in these directions") * values(&UnitQuaternion::identity())
+}
+
+/// Directions in which the harmonics of degrees 1 to 3 are independent.
+fn spiral(k: usize) -> Vector3<f64> {
+    let (z, angle) = (0.9 - 0.23 * k as f64, 2.4 * k as f64);
+    let radius = (1.0_f64 - z * z).sqrt();
+    Vector3::new(radius * libm::cos(angle), radius * libm::sin(angle), z)
 }

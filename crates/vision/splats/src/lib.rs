@@ -7,6 +7,7 @@
 mod camera;
 mod config;
 mod error;
+pub mod files;
 mod harmonics;
 mod lanes;
 pub mod reference;

@@ -117,6 +117,12 @@ pub fn render(scene: &Scene, camera: &Camera, exposure: &Exposure, config: &Rend
     image
 }
 
+/// The first harmonics in a unit direction.
+pub(crate) fn harmonics(direction: Vector3<f64>, count: usize) -> Vec<f64> {
+    let values = harmonics::values(direction, count);
+    values.into_iter().map(|(value, _)| value).collect()
+}
+
 /// Every pixel, row by row, with the background's color.
 fn pixels<'a>(
     scene: &'a Scene,

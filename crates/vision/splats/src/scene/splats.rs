@@ -4,6 +4,9 @@
 //! need not check. Every parameter is a *plane*, an array over all Gaussians, in the order of
 //! [`Plane`]: kernels load eight neighbors in one step, and optimizers treat all planes alike.
 
+use cad_transforms::RigidTransform;
+use nalgebra::Quaternion;
+
 use crate::error::SplatError;
 
 /// Largest degree of the spherical harmonics.
@@ -207,6 +210,47 @@ impl Splats {
             degree: self.degree,
             planes: self.planes.iter().map(pick).collect(),
         }
+    }
+
+    /// The same Gaussians in another frame: positions, rotations and harmonics.
+    ///
+    /// A band of harmonics of degree l is closed under rotations: its coefficients are multiplied
+    /// with a matrix of `(2 l + 1)²` entries, which follows from the values of the band in `2 l + 1`
+    /// directions before and after the rotation.
+    #[must_use]
+    pub fn transformed(&self, b_from_a: &RigidTransform) -> Self {
+        let mut out = self.clone();
+        let turn = b_from_a.rotation();
+        for i in 0..self.len() {
+            let splat = self.get(i);
+            let position = b_from_a.apply(splat.position_m.map(f64::from));
+            let [w, x, y, z] = splat.rotation_wxyz.map(f64::from);
+            let rotation = turn.quaternion() * Quaternion::new(w, x, y, z);
+            let rotation = [rotation.w, rotation.i, rotation.j, rotation.k];
+            for (plane, value) in out.planes.iter_mut().zip(position) {
+                plane[i] = value as f32;
+            }
+            for (plane, value) in out.planes[Plane::ROTATION..].iter_mut().zip(rotation) {
+                plane[i] = value as f32;
+            }
+        }
+        for degree in 1..=self.degree {
+            let matrix = crate::harmonics::rotation_of_band(degree, turn);
+            let first = Plane::HARMONICS + 3 * degree * degree;
+            for (row, column, c) in (0..matrix.nrows()).flat_map(|row| {
+                (0..matrix.ncols()).flat_map(move |column| (0..3).map(move |c| (row, column, c)))
+            }) {
+                let factor = matrix[(row, column)] as f32;
+                let to = &mut out.planes[first + 3 * row + c];
+                if column == 0 {
+                    to.fill(0.0);
+                }
+                for (to, from) in to.iter_mut().zip(&self.planes[first + 3 * column + c]) {
+                    *to += factor * from;
+                }
+            }
+        }
+        out
     }
 
     /// The planes, for optimizers of this crate, which keep the contract.
