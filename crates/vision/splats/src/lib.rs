@@ -18,5 +18,5 @@ pub use camera::{Camera, Shutter};
 pub use config::RenderConfig;
 pub use error::SplatError;
 pub use lanes::Level;
-pub use render::{Image, Pass, RenderStats, Renderer};
+pub use render::{Gradients, Image, ImageGradient, Pass, RenderStats, Renderer};
 pub use scene::{Background, Exposure, MAX_DEGREE, Plane, Scene, Sky, Splat, Splats, coefficients};

@@ -8,6 +8,7 @@
 //! (`order`), lists of Gaussians per tile (`bins`), blending per tile (`blend`), background,
 //! exposure and depths (`finish`).
 
+mod backward;
 mod bins;
 mod blend;
 mod finish;
@@ -24,6 +25,7 @@ use crate::config::RenderConfig;
 use crate::error::SplatError;
 use crate::lanes::Level;
 use crate::scene::{Exposure, Scene};
+pub use backward::{Gradients, ImageGradient};
 use bins::Bins;
 use blend::{Blend, TileImage};
 use project::Footprint;

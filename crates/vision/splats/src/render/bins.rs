@@ -29,6 +29,8 @@ pub(super) struct Bins {
     first_pair: Vec<u32>,
     /// Entry of each pair, footprint by footprint in the order of depth.
     entry_of_pair: Vec<u32>,
+    /// Position of each footprint in the order of depth.
+    rank: Vec<u32>,
 }
 
 /// Tiles of one Gaussian in a row of tiles.
@@ -89,12 +91,17 @@ impl Bins {
                     }
                 }
             });
+        let mut rank = vec![0; order.len()];
+        for (position, footprint) in (0..).zip(order) {
+            rank[*footprint as usize] = position;
+        }
         let plain = |of: Vec<AtomicU32>| of.into_iter().map(AtomicU32::into_inner).collect();
         Self {
             first,
             entries: plain(entries),
             first_pair,
             entry_of_pair: plain(entry_of_pair),
+            rank,
         }
     }
 
@@ -111,6 +118,25 @@ impl Bins {
     /// Footprints of a tile, nearest first.
     pub(super) fn entries(&self, tile: usize) -> &[u32] {
         &self.entries[self.first[tile] as usize..self.first[tile + 1] as usize]
+    }
+}
+
+impl Bins {
+    /// Entries of a footprint, in the order of its tiles.
+    pub(super) fn entries_of(&self, footprint: usize) -> &[u32] {
+        let rank = self.rank[footprint] as usize;
+        &self.entry_of_pair[self.first_pair[rank] as usize..self.first_pair[rank + 1] as usize]
+    }
+
+    /// Parts of a slice with one element per entry, tile by tile.
+    pub(super) fn split<'a, T>(&self, mut all: &'a mut [T]) -> Vec<&'a mut [T]> {
+        let mut parts = Vec::with_capacity(self.tiles());
+        for tile in 0..self.tiles() {
+            let (part, rest) = all.split_at_mut(self.entries(tile).len());
+            parts.push(part);
+            all = rest;
+        }
+        parts
     }
 }
 
