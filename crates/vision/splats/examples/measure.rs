@@ -8,7 +8,8 @@ use cad_transforms::RigidTransform;
 use camera_models::{CameraModel, Distortion};
 use rustix::time::{ClockId, clock_gettime};
 use splats::{
-    Background, Camera, Exposure, RenderConfig, Renderer, Scene, Splat, Splats, reference,
+    Background, Camera, Exposure, ImageGradient, RenderConfig, Renderer, Scene, Splat, Splats,
+    reference,
 };
 
 fn main() -> Result<(), splats::SplatError> {
@@ -37,12 +38,18 @@ fn main() -> Result<(), splats::SplatError> {
                 stats.pairs,
             );
         }
-        for level in splats::Level::all().into_iter().rev() {
-            let (renderer, camera) = (renderer.with_level(level), camera(672, 376)?);
-            let ms = median_ms(9, || renderer.render(&scene, &camera, &Exposure::NONE));
-            println!("672x376 with {level:?}: {ms:.2} ms");
-        }
-        let cameras: Vec<Camera> = (0..64).map(|_| camera(64, 64)).collect::<Result<_, _>>()?;
+        let camera = camera(672, 376)?;
+        let pass = renderer.forward(&scene, &camera, &Exposure::NONE);
+        let plane = vec![1e-3; camera.pixels()];
+        let mut gradient = ImageGradient::default();
+        gradient.rgb = [plane.clone(), plane.clone(), plane];
+        let ms = median_ms(9, || {
+            renderer.backward(&scene, &camera, &Exposure::NONE, &pass, &gradient)
+        });
+        println!("backward at 672x376: {ms:.2} ms");
+        let cameras: Vec<Camera> = (0..64)
+            .map(|_| crate::camera(64, 64))
+            .collect::<Result<_, _>>()?;
         let ms = median_ms(5, || {
             renderer.render_batch(&scene, &cameras, &Exposure::NONE)
         }) / 64.0;

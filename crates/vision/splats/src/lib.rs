@@ -13,6 +13,7 @@ mod lanes;
 pub mod reference;
 mod render;
 mod scene;
+mod train;
 
 pub use camera::{Camera, Shutter};
 pub use config::RenderConfig;
@@ -20,3 +21,7 @@ pub use error::SplatError;
 pub use lanes::Level;
 pub use render::{Gradients, Image, ImageGradient, Pass, RenderStats, Renderer};
 pub use scene::{Background, Exposure, MAX_DEGREE, Plane, Scene, Sky, Splat, Splats, coefficients};
+pub use train::{
+    ExposureConfig, GrowthConfig, LossConfig, OptimizerConfig, PoseConfig, Preset, TrainConfig,
+    TrainingView,
+};

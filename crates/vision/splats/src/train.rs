@@ -1,0 +1,7 @@
+mod config;
+mod loss;
+mod view;
+pub use config::{
+    ExposureConfig, GrowthConfig, LossConfig, OptimizerConfig, PoseConfig, Preset, TrainConfig,
+};
+pub use view::TrainingView;
