@@ -22,6 +22,7 @@ pub use lanes::Level;
 pub use render::{Gradients, Image, ImageGradient, Pass, RenderStats, Renderer};
 pub use scene::{Background, Exposure, MAX_DEGREE, Plane, Scene, Sky, Splat, Splats, coefficients};
 pub use train::{
-    ExposureConfig, GrowthConfig, LossConfig, OptimizerConfig, PoseConfig, Preset, TrainConfig,
-    TrainingView,
+    Evaluation, ExposureConfig, GrowthCheck, GrowthConfig, LossConfig, OptimizerConfig, PoseConfig,
+    Preset, StartPoint, StepReport, TrainConfig, TrainReport, Trainer, TrainingView, psnr_db,
+    splats_from_points, train,
 };

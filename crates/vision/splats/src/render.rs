@@ -169,6 +169,11 @@ impl Renderer {
         self
     }
 
+    /// The instruction set.
+    pub(crate) fn level(&self) -> Level {
+        self.level
+    }
+
     /// The configuration.
     pub fn config(&self) -> &RenderConfig {
         &self.config

@@ -231,14 +231,12 @@ impl Forward<'_> {
         for row in 0..rows {
             let mut of_row = 0.0;
             for column in (0..self.width).step_by(LANES) {
-                let blur = |rows: &Rows| rows.blur::<V>(self.top + row, column, self.window);
-                let [mx, my, exx, eyy, exy] = [
-                    blur(&all[0]),
-                    blur(&all[1]),
-                    blur(&all[2]),
-                    blur(&all[3]),
-                    blur(&all[4]),
-                ];
+                let (line, window) = (self.top + row, self.window);
+                let mx = all[0].blur::<V>(line, column, window);
+                let my = all[1].blur::<V>(line, column, window);
+                let exx = all[2].blur::<V>(line, column, window);
+                let eyy = all[3].blur::<V>(line, column, window);
+                let exy = all[4].blur::<V>(line, column, window);
                 let (c1, c2, two) = (s(C1), s(C2), s(2.0));
                 let a1 = two * mx * my + c1;
                 let a2 = two * (exy - mx * my) + c2;
