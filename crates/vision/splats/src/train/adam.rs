@@ -134,8 +134,12 @@ impl Adam {
                 for (index, g) in gradients.indices.iter().zip(gradient) {
                     let i = *index as usize;
                     let correction = corrections[usize::from(steps[i]) - 1];
-                    values[i] -=
-                        rate * update(&mut first[i], &mut second[i], *g, correction, config);
+                    let change = update(&mut first[i], &mut second[i], *g, correction, config);
+                    let value = values[i] - rate * change;
+                    // A rate without measure must not break the contract of the scene.
+                    if value.is_finite() {
+                        values[i] = value;
+                    }
                 }
             });
     }

@@ -134,8 +134,12 @@ config! {
         pub check_factor: f32 = 1.5,
         /// Share of the Gaussians by which the two scenes that are compared differ.
         pub check_share: f32 = 0.2,
-        /// Steps of both of them before they are compared.
+        /// Steps of both of them before they are compared. Fewer and the halves of a split Gaussian
+        /// have not parted.
         pub check_steps: usize = 200,
+        /// Checks in a row without gain that end growth. One is not enough: a scene that has not
+        /// converged gains from neither.
+        pub failed_checks: usize = 2,
     }
 
     /// Configuration of the refinement of poses.

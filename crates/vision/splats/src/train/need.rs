@@ -26,7 +26,10 @@ pub struct GrowthCheck {
     pub gain_db: f64,
     /// The gain plus two standard errors, dB.
     pub upper_gain_db: f64,
-    /// Whether growth continues.
+    /// Whether growth continues. It ends after [`GrowthConfig::failed_checks`] checks in a row that
+    /// say no, and pauses after one.
+    ///
+    /// [`GrowthConfig::failed_checks`]: super::GrowthConfig::failed_checks
     pub continues: bool,
 }
 
@@ -47,20 +50,25 @@ pub fn train(trainer: &mut Trainer, held_out: &[TrainingView]) -> Result<TrainRe
     let config = *trainer.config();
     let growth = &config.growth;
     let mut report = TrainReport::default();
-    let mut next_check = trainer.scene().splats.len() as f32;
     let checks = growth.min_gain_db > 0.0 && held_out.len() >= MIN_VIEWS;
+    let ends = (growth.stop * config.steps as f32) as usize;
+    // Number of Gaussians and step of the next check, failed checks in a row.
+    let (mut next_count, mut next_step, mut failed) = (0.0, growth.start.saturating_sub(1), 0);
     while trainer.steps() < config.steps {
         let step = trainer.steps();
-        let ends = (growth.stop * config.steps as f32) as usize;
-        let is_due = trainer.scene().splats.len() as f32 >= next_check;
-        let is_possible = checks && trainer.grows() && step + growth.check_steps < ends;
-        let is_before_round = trainer.is_before_round();
-        if is_possible && is_due && is_before_round {
+        let is_possible = checks
+            && failed < growth.failed_checks
+            && step + growth.check_steps < ends
+            && trainer.is_before_round();
+        let has_grown = failed > 0 || trainer.scene().splats.len() as f32 >= next_count;
+        if is_possible && has_grown && step >= next_step {
             // The check takes the place of the round, which would forget what was gathered.
             trainer.set_growth(false);
             trainer.step()?;
             let check = check(trainer, held_out, &config)?;
-            next_check = check.splats[0] as f32 * growth.check_factor;
+            next_count = check.splats[0] as f32 * growth.check_factor;
+            next_step = trainer.steps() + 2 * growth.check_steps;
+            failed = if check.continues { 0 } else { failed + 1 };
             report.checks.push(check);
         } else {
             trainer.step()?;

@@ -264,11 +264,7 @@ impl Trainer {
         self.exposures.of(&self.views[view], &self.config.exposure)
     }
 
-    /// Whether the number of Gaussians changes.
-    pub(super) fn grows(&self) -> bool {
-        self.grows
-    }
-
+    /// Whether rounds of growth change the number of Gaussians.
     pub(super) fn set_growth(&mut self, grows: bool) {
         self.grows = grows;
     }
