@@ -1,4 +1,5 @@
-//! Times of rendering over the number of Gaussians and the size of the image, in a simulated street.
+//! Times of rendering over the number of Gaussians and the size of the image, in a simulated
+//! street.
 //!
 //! `cargo run --release -p splats --example measure`, with the number of Gaussians in thousands as
 //! arguments. Times are processor times, the median of several runs.
@@ -41,8 +42,10 @@ fn main() -> Result<(), splats::SplatError> {
         let camera = camera(672, 376)?;
         let pass = renderer.forward(&scene, &camera, &Exposure::NONE);
         let plane = vec![1e-3; camera.pixels()];
-        let mut gradient = ImageGradient::default();
-        gradient.rgb = [plane.clone(), plane.clone(), plane];
+        let gradient = ImageGradient {
+            rgb: [plane.clone(), plane.clone(), plane],
+            ..ImageGradient::default()
+        };
         let ms = median_ms(9, || {
             renderer.backward(&scene, &camera, &Exposure::NONE, &pass, &gradient)
         });

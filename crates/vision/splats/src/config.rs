@@ -18,7 +18,8 @@ config! {
         pub max_alpha: f32 = 0.99,
         /// Alpha below which a Gaussian does not contribute to a pixel. Source: one step of 8 bits.
         pub min_alpha: f32 = 1.0 / 255.0,
-        /// Transmittance at which a pixel is complete; the Gaussian that would reach it is left out.
+        /// Transmittance at which a pixel is complete; the Gaussian that would reach it is left
+        /// out.
         pub min_transmittance: f32 = 1e-4,
         /// Accumulated alpha below which a pixel has no expected depth, and no median depth below a
         /// half by definition.
@@ -31,8 +32,8 @@ config! {
         /// is linearized at the mean itself; farther out at that border, because the
         /// linearization diverges. Source: gsplat.
         pub margin: f32 = 0.15,
-        /// Smallest share of an image's height left of a Gaussian that a rolling shutter compresses:
-        /// `1 - time gradient · pixel velocity`. Below it the Gaussian is not rendered.
+        /// Smallest share of an image's height left of a Gaussian that a rolling shutter
+        /// compresses: `1 - time gradient · pixel velocity`. Below it the Gaussian is not rendered.
         pub min_shear: f32 = 0.1,
     }
 }

@@ -4,10 +4,11 @@
 //! Gaussian, in the world. Constants: the real harmonics of a unit sphere (e.g. Sloan, Stupid
 //! Spherical Harmonics Tricks, 2008), with the Condon-Shortley phase.
 
+pub(crate) mod monomials;
+
 use nalgebra::{DMatrix, UnitQuaternion, Vector3};
 
 use crate::lanes::Lanes;
-use crate::reference;
 
 /// `Y_0`, the constant harmonic: `1 / (2 √π)`.
 pub(crate) const CONSTANT: f32 = 0.282_094_8;
@@ -135,7 +136,7 @@ pub(crate) fn rotation_of_band(degree: usize, turn: &UnitQuaternion<f64>) -> DMa
     let directions: Vec<Vector3<f64>> = (0..size).map(spiral).collect();
     let values = |turn: &UnitQuaternion<f64>| {
         DMatrix::from_fn(size, size, |row, k| {
-            reference::harmonics(turn * directions[row], first + size)[first + k]
+            monomials::values(turn * directions[row], first + size)[first + k].0
         })
     };
     let after = values(turn).try_inverse();

@@ -1,11 +1,11 @@
 //! The compressed `.spz` file (Niantic), versions 2 to 4 read, version 4 written.
 //!
-//! Columns of fixed-point numbers: position 24 bits with a number of fractional bits, opacity 8 bits,
-//! color `0.15 f + 0.5`, scale `(logarithm + 10) * 16`, rotation as the three smallest components
-//! (9 bits and sign each; in version 2 as x, y and z in 8 bits), harmonics `128 f + 128`. Up to
-//! version 3 one gzip stream behind a header of 16 bytes, in version 4 a zstd stream per column.
-//! Its axes are x right, y up, z backward: rotate a world with z up by [`rub_from_z_up`] before
-//! writing.
+//! Columns of fixed-point numbers: position 24 bits with a number of fractional bits, opacity 8
+//! bits, color `0.15 f + 0.5`, scale `(logarithm + 10) * 16`, rotation as the three smallest
+//! components (9 bits and sign each; in version 2 as x, y and z in 8 bits), harmonics `128 f +
+//! 128`. Up to version 3 one gzip stream behind a header of 16 bytes, in version 4 a zstd stream
+//! per column. Its axes are x right, y up, z backward: rotate a world with z up by
+//! [`rub_from_z_up`] before writing.
 //!
 //! ```
 //! use splats::files::spz;

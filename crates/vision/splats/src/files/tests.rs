@@ -216,7 +216,7 @@ fn compressed_files_lose_no_more_than_their_steps() {
             let nearest = (0..20)
                 .min_by(|a, b| distance(a).total_cmp(&distance(b)))
                 .unwrap();
-            let found = deviation(&splats, &back.select(&vec![nearest as u32; 20]), i);
+            let found = deviation(&splats, &back.select(&[nearest as u32; 20]), i);
             let limits = match name {
                 "splat" => [0.0, 1e-5, 0.02, 0.003, 1.0],
                 "spz" => [1.3e-4, 0.032, 0.005, 0.003, 0.02],

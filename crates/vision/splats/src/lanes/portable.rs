@@ -2,7 +2,7 @@
 
 use std::ops::{Add, Div, Mul, Neg, Sub};
 
-use super::{LANES, Lanes};
+use super::vector::{LANES, Lanes};
 
 #[derive(Clone, Copy)]
 pub(super) struct Portable([f32; LANES]);

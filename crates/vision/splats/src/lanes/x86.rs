@@ -6,7 +6,7 @@
 use std::arch::x86_64::*;
 use std::ops::{Add, Div, Mul, Neg, Sub};
 
-use super::{Kernel, LANES, Lanes};
+use super::vector::{Kernel, LANES, Lanes};
 
 #[derive(Clone, Copy)]
 pub(super) struct Avx(__m256);

@@ -3,8 +3,8 @@
 use nalgebra::{Matrix2, Vector2, Vector3};
 
 use super::footprint::{self, FootprintGradient};
+use super::forward::{Ray, blend, pixels};
 use super::scene::{Background, Scene, sky_direction};
-use super::{Ray, blend, pixels};
 use crate::camera::Camera;
 use crate::config::RenderConfig;
 use crate::scene::Exposure;

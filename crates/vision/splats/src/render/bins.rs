@@ -71,7 +71,8 @@ impl Bins {
             }
         }
         first.push(sum);
-        // Every element is written once, by whichever thread; atomics are what Rust offers for that.
+        // Every element is written once, by whichever thread; atomics are what Rust offers for
+        // that.
         let zeros = || (0..sum).map(|_| AtomicU32::new(0)).collect::<Vec<_>>();
         let (entries, entry_of_pair) = (zeros(), zeros());
         chunks

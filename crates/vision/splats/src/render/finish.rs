@@ -2,8 +2,8 @@
 
 use rayon::prelude::*;
 
-use super::Image;
 use super::blend::{Cells, TileImage, cell_of};
+use super::image::Image;
 use super::view::{TILE, View};
 use crate::camera::Camera;
 use crate::config::RenderConfig;

@@ -1,10 +1,14 @@
 use cad_transforms::RigidTransform;
 use camera_models::{CameraModel, Distortion};
 
+use super::project::Footprint;
 use super::*;
+use crate::camera::Camera;
+use crate::config::RenderConfig;
+use crate::lanes::Level;
 use crate::reference;
 use crate::reference::tests::{camera, exposure, random_splats, shutter};
-use crate::scene::{Background, Sky, Splat, Splats};
+use crate::scene::{Background, Exposure, Scene, Sky, Splat, Splats};
 
 fn scene(splats: Splats) -> Scene {
     Scene {

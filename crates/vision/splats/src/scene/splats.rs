@@ -215,8 +215,8 @@ impl Splats {
     /// The same Gaussians in another frame: positions, rotations and harmonics.
     ///
     /// A band of harmonics of degree l is closed under rotations: its coefficients are multiplied
-    /// with a matrix of `(2 l + 1)²` entries, which follows from the values of the band in `2 l + 1`
-    /// directions before and after the rotation.
+    /// with a matrix of `(2 l + 1)²` entries, which follows from the values of the band in `2 l +
+    /// 1` directions before and after the rotation.
     #[must_use]
     pub fn transformed(&self, b_from_a: &RigidTransform) -> Self {
         let mut out = self.clone();

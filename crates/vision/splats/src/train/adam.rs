@@ -9,7 +9,7 @@ use super::config::OptimizerConfig;
 use crate::render::Gradients;
 use crate::scene::{Plane, Splats};
 
-/// Steps after which the bias of the moments is gone.
+/// Steps after which the moments have no bias.
 const MAX_STEPS: usize = 8192;
 
 /// Moments of all Gaussians.

@@ -9,7 +9,7 @@ pub enum Preset {
     Fast,
     /// The default.
     Balanced,
-    /// As many Gaussians as held-out images gain from, full length.
+    /// More Gaussians and steps, up to the gain of held-out images.
     Accurate,
     /// The settings of PAWS, which are those of Splatfacto with changes: growth by absolute
     /// gradients above 0.0006 until step 25 000, learning rate of means 5e-5, size 0.1 %, poses
@@ -28,8 +28,8 @@ config! {
         /// Share of the steps from which the first degree above 0 is trained; the others follow at
         /// equal distances until the end.
         pub degree_start: f32 = 0.5,
-        /// Every which step trains the harmonics above degree 0: they are most of the memory. Source:
-        /// Mallick et al., Taming 3DGS, 2024, with 16.
+        /// Every which step trains the harmonics above degree 0: they are most of the memory.
+        /// Source: Mallick et al., Taming 3DGS, 2024, with 16.
         pub harmonics_interval: usize = 4,
         /// Share of the steps with images at a quarter of their size.
         pub quarter_until: f32 = 0.07,

@@ -11,8 +11,8 @@ use crate::scene::Scene;
 pub struct Evaluation {
     /// PSNR of each view, dB; [`psnr_db`].
     pub psnr_db: Vec<f64>,
-    /// Median over the pixels of all views of the relative error of the median depth, where both are
-    /// known; NaN without depths.
+    /// Median over the pixels of all views of the relative error of the median depth, where both
+    /// are known; NaN without depths.
     pub depth_error: f64,
 }
 

@@ -1,10 +1,10 @@
 //! The loss of a rendered image and its gradient.
 //!
 //! Photometric: `(1 - w) L1 + w (1 - SSIM)`, a mean over usable pixels and channels (Kerbl et al.
-//! 2023). Pixels that may not be used take the rendered color as their target and get no gradient, so
-//! that a mask has no visible border. Depth: with `e = (1/z - 1/d) d² / σ`, which is the error in
-//! sigmas, `δ² (√(1 + e²/δ²) - 1)` where accumulated alpha is above a half, as a mean over the same
-//! pixels.
+//! 2023). Pixels that may not be used take the rendered color as their target and get no gradient,
+//! so that a mask has no visible border. Depth: with `e = (1/z - 1/d) d² / σ`, which is the error
+//! in sigmas, `δ² (√(1 + e²/δ²) - 1)` where accumulated alpha is above a half, as a mean over the
+//! same pixels.
 
 mod ssim;
 #[cfg(test)]

@@ -1,7 +1,7 @@
 //! Refinement of poses: one small motion per view, with a prior.
 //!
-//! `world_from_camera · exp(motion)`, the motion in the camera's axes, in sigmas. It is small, so that
-//! the gradient at the refined pose is taken as that with respect to the motion.
+//! `world_from_camera · exp(motion)`, the motion in the camera's axes, in sigmas. It is small, so
+//! that the gradient at the refined pose is taken as that with respect to the motion.
 
 use cad_transforms::RigidTransform;
 

@@ -96,9 +96,11 @@ fn start(splats: &Splats, every: usize) -> Scene {
 }
 
 fn config(steps: usize) -> TrainConfig {
-    let mut config = TrainConfig::default();
-    config.steps = steps;
-    config.degree = 0;
+    let mut config = TrainConfig {
+        steps,
+        degree: 0,
+        ..TrainConfig::default()
+    };
     // Images are small already.
     (config.quarter_until, config.full_from) = (0.0, 0.1);
     // Few steps: larger ones.

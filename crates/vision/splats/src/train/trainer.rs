@@ -41,9 +41,11 @@ const MIN_RADIUS_M: f32 = 0.5;
 /// for i in 0..160 {
 ///     let (x, y) = ((i % 16) as f32 * 0.2 - 1.5, (i / 16) as f32 * 0.2 - 0.9);
 ///     let normal = Some([0.0, 0.0, -1.0]);
-///     points.push(StartPoint { position_m: [x, y, 2.0], normal, spacing_m: 0.2, sigma_m: 0.01, color: [0.5; 3] });
+///     let (position_m, color) = ([x, y, 2.0], [0.5; 3]);
+///     points.push(StartPoint { position_m, normal, spacing_m: 0.2, sigma_m: 0.01, color });
 /// }
-/// let scene = Scene { splats: splats_from_points(&points)?, background: Background::Constant([0.0; 3]) };
+/// let background = Background::Constant([0.0; 3]);
+/// let scene = Scene { splats: splats_from_points(&points)?, background };
 ///
 /// let mut config = TrainConfig::default();
 /// config.steps = 100;
@@ -100,9 +102,8 @@ impl Trainer {
     /// Prepares a training. Harmonics of the scene above degree 0 are kept if the configuration has
     /// them.
     ///
-    /// # Errors
-    /// [`SplatError::Views`] if there are no views or one has no usable pixel, [`SplatError::Size`] if
-    /// a buffer does not fit its image, [`SplatError::Setting`].
+    /// # Errors [`SplatError::Views`] if there are no views or one has no usable pixel,
+    /// [`SplatError::Size`] if a buffer does not fit its image, [`SplatError::Setting`].
     pub fn new(
         scene: Scene,
         views: Vec<TrainingView>,

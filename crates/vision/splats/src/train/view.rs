@@ -21,7 +21,8 @@ pub struct TrainingView {
     pub depth_sigma_m: Vec<f32>,
     /// Exposure as far as it is known.
     pub exposure: Exposure,
-    /// Images of one group share a correction of the exposure: those of one frame, or of one camera.
+    /// Images of one group share a correction of the exposure: those of one frame, or of one
+    /// camera.
     pub exposure_group: u32,
     /// Images of one instant count as one observation.
     pub instant: u32,
@@ -78,8 +79,8 @@ impl TrainingView {
     }
 
     /// The image at a fraction of its size: colors are averages over blocks of `factor` x `factor`
-    /// pixels, all of which must be usable; depths are those of the block's middle. Rows and columns
-    /// that fill no block are cut.
+    /// pixels, all of which must be usable; depths are those of the block's middle. Rows and
+    /// columns that fill no block are cut.
     pub(super) fn reduced(&self, factor: u32) -> Result<Self, SplatError> {
         let model = self.camera.model();
         let (width, height) = (model.width / factor, model.height / factor);

@@ -1,11 +1,11 @@
 //! From the gradient of an image to that of the blended tiles: exposure, depth, background.
 
-use super::ImageGradient;
 use crate::camera::Camera;
 use crate::config::RenderConfig;
 use crate::lanes::LANES;
 use crate::render::blend::{CELLS, Cells, TileImage, cell_of, origin};
 use crate::render::finish::SkyView;
+use crate::render::gradients::ImageGradient;
 use crate::render::view::{TILE, View};
 use crate::scene::{Exposure, Scene};
 

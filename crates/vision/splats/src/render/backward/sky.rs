@@ -60,7 +60,7 @@ fn of_row(
             match sky {
                 None => add(0, 1.0),
                 Some(sky) => {
-                    for direction in sky_view.direction(column, row) {
+                    if let Some(direction) = sky_view.direction(column, row) {
                         for (index, weight) in sky.taps(direction) {
                             add(index, weight);
                         }

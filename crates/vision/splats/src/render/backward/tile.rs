@@ -1,8 +1,8 @@
 //! Gradients of a tile: the sums over its pixels for each of its Gaussians, front to back.
 //!
 //! The blending is repeated. What lies behind a Gaussian is what was behind the one before it,
-//! minus its own part. With `s = ∂L/∂σ = -α ∂L/∂α` and `d = u - m`, the sums of `s`, `s d` and `s d dᵀ`
-//! give the gradients with respect to opacity, mean and conic.
+//! minus its own part. With `s = ∂L/∂σ = -α ∂L/∂α` and `d = u - m`, the sums of `s`, `s d` and `s d
+//! dᵀ` give the gradients with respect to opacity, mean and conic.
 
 use super::pixels::TileGradient;
 use crate::config::RenderConfig;

@@ -1,28 +1,32 @@
 //! From gradients of footprints to those of parameters and of the camera's motion, eight Gaussians
 //! at a time.
 //!
-//! The root of the covariance in the image is `N = S J R A diag(s)`: shear of the shutter, lens, camera,
-//! axes and scales. With `G` the gradient of the covariance, that of the root is `2 G N`, and the
-//! factors follow by the product rule.
+//! The root of the covariance in the image is `N = S J R A diag(s)`: shear of the shutter, lens,
+//! camera, axes and scales. With `G` the gradient of the covariance, that of the root is `2 G N`,
+//! and the factors follow by the product rule.
 
+mod factors;
+mod lens;
+
+use factors::{Factors, quaternion_gradient};
+use lens::add_lens;
 use rayon::prelude::*;
 
-use super::{Gradients, Slot};
+use super::tile::Slot;
 use crate::config::RenderConfig;
 use crate::harmonics;
 use crate::lanes::{Kernel, LANES, Lanes};
-use crate::render::project::{
-    Footprint, Linear, Placement, Shape, Shear, axes, directions, dot, row_times, sigmoid, splat3x3,
+use crate::render::forward::{Pass, Renderer};
+use crate::render::geometry::{
+    Linear, Placement, Shape, Shear, axes, directions, dot, row_times, sigmoid, splat3x3,
 };
+use crate::render::gradients::Gradients;
+use crate::render::project::Footprint;
 use crate::render::view::View;
-use crate::render::{Pass, Renderer};
 use crate::scene::{Plane, Scene, coefficients};
 
 /// Gaussians of a task. A constant, so that results do not depend on the number of threads.
 const CHUNK: usize = 1024;
-
-/// Step of the differences of a distorted lens's Jacobian, as a share of the depth.
-const LENS_STEP: f64 = 1e-5;
 
 pub(super) fn transform(
     renderer: &Renderer,
@@ -372,112 +376,6 @@ struct ByImage<V> {
     opacity: V,
 }
 
-/// Gradients without the shutter.
-struct ByShear<V> {
-    mean: [V; 2],
-    root: [[V; 3]; 2],
-    jacobian: [[V; 3]; 2],
-    point: [V; 3],
-}
-
-impl<V: Lanes> Shear<V> {
-    #[inline(always)]
-    fn backward(
-        &self,
-        mean: &[V; 2],
-        by_root: &[[V; 3]; 2],
-        still: &[[V; 3]; 2],
-        linear: &Linear<V>,
-        rate: [f32; 3],
-    ) -> ByShear<V> {
-        let (g, v, k) = (&self.gradient, &self.velocity, self.stretch);
-        let along_mean = mean[0] * v[0] + mean[1] * v[1];
-        let mut out = ByShear {
-            mean: [
-                mean[0] + k * g[0] * along_mean,
-                mean[1] + k * g[1] * along_mean,
-            ],
-            root: *by_root,
-            jacobian: linear.jacobian,
-            point: self.u,
-        };
-        for c in 0..3 {
-            let along = (v[0] * by_root[0][c] + v[1] * by_root[1][c]) * k;
-            out.root[0][c] = g[0].mul_add(along, by_root[0][c]);
-            out.root[1][c] = g[1].mul_add(along, by_root[1][c]);
-        }
-        // With respect to the shear's matrix, times the gradient of time.
-        let mut by_shear = [V::splat(0.0); 2];
-        for row in 0..2 {
-            by_shear[row] =
-                dot(&by_root[row], &still[0]) * g[0] + dot(&by_root[row], &still[1]) * g[1];
-        }
-        let along = self.time * along_mean + v[0] * by_shear[0] + v[1] * by_shear[1];
-        let mut by_velocity = [V::splat(0.0); 2];
-        for row in 0..2 {
-            let direct = k * (self.time * mean[row] + by_shear[row]);
-            by_velocity[row] = (k * k * g[row]).mul_add(along, direct);
-        }
-        for row in 0..2 {
-            for c in 0..3 {
-                out.jacobian[row][c] = -by_velocity[row] * self.u[c];
-            }
-        }
-        let mut by_u = [V::splat(0.0); 3];
-        for c in 0..3 {
-            by_u[c] =
-                -(linear.jacobian[0][c] * by_velocity[0] + linear.jacobian[1][c] * by_velocity[1]);
-        }
-        let [wx, wy, wz] = [V::splat(rate[0]), V::splat(rate[1]), V::splat(rate[2])];
-        out.point = [
-            by_u[1] * wz - by_u[2] * wy,
-            by_u[2] * wx - by_u[0] * wz,
-            by_u[0] * wy - by_u[1] * wx,
-        ];
-        out
-    }
-}
-
-/// Gradients of the factors of the root.
-struct Factors<V> {
-    /// Of the logarithms of the scales.
-    scale: [V; 3],
-    axes: [[V; 3]; 3],
-    /// Of the lens's Jacobian in the axes of the world.
-    in_world: [[V; 3]; 2],
-}
-
-impl<V: Lanes> Factors<V> {
-    #[inline(always)]
-    fn new(
-        by_root: &[[V; 3]; 2],
-        root: &[[V; 3]; 2],
-        in_world: &[[V; 3]; 2],
-        axes: &[[V; 3]; 3],
-        scale: &[V; 3],
-    ) -> Self {
-        let mut out = Self {
-            scale: *scale,
-            axes: *axes,
-            in_world: *in_world,
-        };
-        let mut scaled = *by_root;
-        for k in 0..3 {
-            out.scale[k] = by_root[0][k] * root[0][k] + by_root[1][k] * root[1][k];
-            scaled[0][k] = by_root[0][k] * scale[k];
-            scaled[1][k] = by_root[1][k] * scale[k];
-        }
-        for j in 0..3 {
-            for k in 0..3 {
-                out.axes[j][k] = in_world[0][j] * scaled[0][k] + in_world[1][j] * scaled[1][k];
-            }
-            out.in_world[0][j] = dot(&scaled[0], &axes[j]);
-            out.in_world[1][j] = dot(&scaled[1], &axes[j]);
-        }
-        out
-    }
-}
-
 /// Row times the transpose of a matrix.
 #[inline(always)]
 fn times_transposed<V: Lanes>(row: &[V; 3], matrix: &[[V; 3]; 3]) -> [V; 3] {
@@ -485,113 +383,6 @@ fn times_transposed<V: Lanes>(row: &[V; 3], matrix: &[[V; 3]; 3]) -> [V; 3] {
         dot(row, &matrix[0]),
         dot(row, &matrix[1]),
         dot(row, &matrix[2]),
-    ]
-}
-
-/// Adds to the point's gradient those through its pixel and through the lens's Jacobian.
-#[inline(always)]
-fn add_lens<V: Lanes>(
-    place: &Placement<V>,
-    linear: &Linear<V>,
-    view: &View,
-    mean: &[V; 2],
-    by_jacobian: &[[V; 3]; 2],
-    out: &mut [V; 3],
-) {
-    let [x, y, z] = place.p;
-    if let Some(lens) = &view.lens {
-        for k in 0..3 {
-            out[k] = out[k] + mean[0] * linear.jacobian[0][k] + mean[1] * linear.jacobian[1][k];
-        }
-        add_distorted(&place.p, lens, by_jacobian, out);
-        return;
-    }
-    let inverse = V::splat(1.0) / z;
-    let two = V::splat(2.0);
-    for (k, at) in [x, y].into_iter().enumerate() {
-        let focal = linear.jacobian[k][k];
-        let slope = at * inverse;
-        let (low, high) = (V::splat(view.slope_min[k]), V::splat(view.slope_max[k]));
-        let bounded = slope.less(low).or(high.less(slope));
-        let by_slope = by_jacobian[k][2];
-        // The pixel; then the Jacobian's entries f/z and -f slope/z, the slope bounded or not.
-        let through_slope = mean[k] - by_slope.and_not(bounded) * inverse;
-        out[k] = focal.mul_add(through_slope, out[k]);
-        let slope_in_use = slope.max(low).min(high);
-        let through_depth = bounded.select(by_slope, two * by_slope) * slope_in_use * inverse
-            - mean[k] * slope
-            - by_jacobian[k][k] * inverse;
-        out[2] = focal.mul_add(through_depth, out[2]);
-    }
-}
-
-/// The same through the Jacobian of a distorted lens, in f64, one lane after the other.
-#[inline(always)]
-fn add_distorted<V: Lanes>(
-    p: &[V; 3],
-    lens: &camera_models::Lens,
-    by_jacobian: &[[V; 3]; 2],
-    out: &mut [V; 3],
-) {
-    let mut points = [[0.0; LANES]; 3];
-    let mut gradient = [[[0.0; LANES]; 3]; 2];
-    for k in 0..3 {
-        p[k].store(&mut points[k]);
-        by_jacobian[0][k].store(&mut gradient[0][k]);
-        by_jacobian[1][k].store(&mut gradient[1][k]);
-    }
-    let mut added = [[0.0; LANES]; 3];
-    for lane in 0..LANES {
-        let point = points.map(|values| f64::from(values[lane]));
-        let step = LENS_STEP * point[2];
-        for k in 0..3 {
-            let (mut after, mut before) = (point, point);
-            after[k] += step;
-            before[k] -= step;
-            let both = lens
-                .project_with_jacobians(after)
-                .zip(lens.project_with_jacobians(before));
-            // At the edge of the lens's domain the Jacobian is taken as constant.
-            let Some((after, before)) = both else {
-                continue;
-            };
-            let slope = (after.by_point - before.by_point) / (2.0 * step);
-            let mut sum = 0.0;
-            for row in 0..2 {
-                for column in 0..3 {
-                    sum += slope[(row, column)] * f64::from(gradient[row][column][lane]);
-                }
-            }
-            added[k][lane] = sum as f32;
-        }
-    }
-    for k in 0..3 {
-        out[k] = out[k] + V::load(&added[k]);
-    }
-}
-
-/// Gradient of a quaternion of any length from that of its matrix.
-#[inline(always)]
-fn quaternion_gradient<V: Lanes>(quaternion: &[V; 4], g: &[[V; 3]; 3]) -> [V; 4] {
-    let [w, x, y, z] = *quaternion;
-    let square = w.mul_add(w, x.mul_add(x, y.mul_add(y, z * z)));
-    let inverse = V::splat(1.0) / square.sqrt();
-    let (w, x, y, z) = (w * inverse, x * inverse, y * inverse, z * inverse);
-    let two = V::splat(2.0);
-    let (a, b, c) = (g[2][1] - g[1][2], g[0][2] - g[2][0], g[1][0] - g[0][1]);
-    let (d, e, f) = (g[1][0] + g[0][1], g[2][0] + g[0][2], g[2][1] + g[1][2]);
-    let by = [
-        two * (x * a + y * b + z * c),
-        two * (y * d + z * e + w * a - two * x * (g[1][1] + g[2][2])),
-        two * (x * d + z * f + w * b - two * y * (g[0][0] + g[2][2])),
-        two * (x * e + y * f + w * c - two * z * (g[0][0] + g[1][1])),
-    ];
-    let along = by[0] * w + by[1] * x + by[2] * y + by[3] * z;
-    [
-        (by[0] - along * w) * inverse,
-        (by[1] - along * x) * inverse,
-        (by[2] - along * y) * inverse,
-        (by[3] - along * z) * inverse,
     ]
 }
 

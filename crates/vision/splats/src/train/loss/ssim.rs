@@ -2,10 +2,10 @@
 //! Visibility to Structural Similarity, 2004) and its gradient.
 //!
 //! A Gaussian window of 11x11 pixels with a standard deviation of 1.5, zero beyond the image, `C₁ =
-//! 0.01²`, `C₂ = 0.03²`, colors from 0 to 1. With means `μ` and second moments `E` under the window,
-//! `S = A₁ A₂ / (B₁ B₂)`, `A₁ = 2 μx μy + C₁`, `A₂ = 2 (E xy - μx μy) + C₂`, `B₁ = μx² + μy² + C₁`, `B₂ = E
-//! x² - μx² + E y² - μy² + C₂`; the gradient is a window over the derivatives with respect to `μx`,
-//! `E x²` and `E xy`.
+//! 0.01²`, `C₂ = 0.03²`, colors from 0 to 1. With means `μ` and second moments `E` under the
+//! window, `S = A₁ A₂ / (B₁ B₂)`, `A₁ = 2 μx μy + C₁`, `A₂ = 2 (E xy - μx μy) + C₂`, `B₁ = μx² +
+//! μy² + C₁`, `B₂ = E x² - μx² + E y² - μy² + C₂`; the gradient is a window over the derivatives
+//! with respect to `μx`, `E x²` and `E xy`.
 
 use rayon::prelude::*;
 
