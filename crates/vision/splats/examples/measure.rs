@@ -10,7 +10,7 @@ use camera_models::{CameraModel, Distortion};
 use rustix::time::{ClockId, clock_gettime};
 use splats::{
     Background, Camera, Exposure, ImageGradient, RenderConfig, Renderer, Scene, Splat, Splats,
-    reference,
+    TrainConfig, Trainer, TrainingView, reference,
 };
 
 fn main() -> Result<(), splats::SplatError> {
@@ -50,6 +50,23 @@ fn main() -> Result<(), splats::SplatError> {
             renderer.backward(&scene, &camera, &Exposure::NONE, &pass, &gradient)
         });
         println!("backward at 672x376: {ms:.2} ms");
+        let image = pass.image;
+        let bytes = (0..3 * camera.pixels())
+            .map(|i| (image.rgb[i % 3][i / 3] * 230.0 + (i % 17) as f32) as u8)
+            .collect();
+        let view = TrainingView::new(camera, bytes, 0);
+        let mut config = TrainConfig::default();
+        (config.quarter_until, config.full_from, config.growth.stop) = (0.0, 0.0, 0.0);
+        let views = vec![view];
+        let mut trainer = Trainer::new(scene.clone(), views, config, RenderConfig::default(), 1)?;
+        let mut failed = Ok(());
+        let ms = median_ms(9, || {
+            if let Err(error) = trainer.step() {
+                failed = Err(error);
+            }
+        });
+        failed?;
+        println!("training step at 672x376: {ms:.2} ms");
         let cameras: Vec<Camera> = (0..64)
             .map(|_| crate::camera(64, 64))
             .collect::<Result<_, _>>()?;
@@ -104,7 +121,7 @@ fn camera(width: u32, height: u32) -> Result<Camera, splats::SplatError> {
 
 /// Median over runs of the processor time of all threads, ms: on a busy machine the elapsed time
 /// means little.
-fn median_ms<T>(runs: usize, run: impl Fn() -> T) -> f64 {
+fn median_ms<T>(runs: usize, mut run: impl FnMut() -> T) -> f64 {
     let now = || {
         let time = clock_gettime(ClockId::ProcessCPUTime);
         time.tv_sec as f64 * 1e3 + time.tv_nsec as f64 * 1e-6

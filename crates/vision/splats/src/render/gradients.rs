@@ -21,7 +21,8 @@ pub struct ImageGradient {
 pub struct Gradients {
     /// Indices of the visible Gaussians, ascending. All others have gradients of 0.
     pub indices: Vec<u32>,
-    /// With respect to the parameters of the visible Gaussians, in the order of [`Plane`].
+    /// With respect to the parameters of the visible Gaussians, in the order of
+    /// [`Plane`](crate::Plane).
     pub planes: Vec<Vec<f32>>,
     /// Absolute values of each pixel's gradient with respect to the mean in the image, x and y,
     /// summed, 1/px (Ye et al., AbsGS, 2024).

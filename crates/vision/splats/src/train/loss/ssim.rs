@@ -84,16 +84,19 @@ pub(super) fn add(
     sum
 }
 
-/// Row of a plane times another, with zeros around it.
+/// A row with zeros around it.
 struct Padded {
     values: Vec<f32>,
     width: usize,
 }
 
 impl Padded {
+    /// Values that the window of eight pixels needs.
+    const REACH: usize = LANES + 2 * RADIUS;
+
     fn new(width: usize) -> Self {
         Self {
-            values: vec![0.0; width.next_multiple_of(LANES) + TAPS + LANES],
+            values: vec![0.0; width.next_multiple_of(LANES) + 2 * RADIUS],
             width,
         }
     }
@@ -105,13 +108,14 @@ impl Padded {
 
     /// The row under the window, up to the next multiple of the lanes.
     #[inline(always)]
-    fn blur<V: Lanes>(&self, window: &[f32; RADIUS + 1], out: &mut [f32]) {
-        let (chunks, _) = out.as_chunks_mut::<LANES>();
-        for (k, out) in chunks.iter_mut().enumerate() {
-            let from = &self.values[k * LANES..];
-            let mut sum = load::<V>(from, RADIUS) * V::splat(window[0]);
+    fn blur<V: Lanes>(&self, window: &[f32; RADIUS + 1], out: &mut [[f32; LANES]]) {
+        for (k, out) in out.iter_mut().enumerate() {
+            let Some(from) = self.values[k * LANES..].first_chunk::<{ Self::REACH }>() else {
+                return;
+            };
+            let mut sum = at::<V>(from, RADIUS) * V::splat(window[0]);
             for tap in 1..=RADIUS {
-                let both = load::<V>(from, RADIUS - tap) + load::<V>(from, RADIUS + tap);
+                let both = at::<V>(from, RADIUS - tap) + at::<V>(from, RADIUS + tap);
                 sum = both.mul_add(V::splat(window[tap]), sum);
             }
             sum.store(out);
@@ -119,59 +123,61 @@ impl Padded {
     }
 }
 
-/// Eight values from an offset on.
+/// Eight values from an offset on, at most twice the radius.
 #[inline(always)]
-fn load<V: Lanes>(from: &[f32], offset: usize) -> V {
+fn at<V: Lanes>(from: &[f32; Padded::REACH], offset: usize) -> V {
     match from[offset..].first_chunk::<LANES>() {
         Some(values) => V::load(values),
         None => V::splat(0.0),
     }
 }
 
-/// Rows blurred along x, of a band and its surroundings.
+/// Rows blurred along x: those of a band and five above and below, zeros beyond the image.
 struct Rows {
-    values: Vec<f32>,
-    /// Values of a row: the width, up to a multiple of the lanes.
+    values: Vec<[f32; LANES]>,
+    /// Vectors of a row.
     stride: usize,
-    /// First row of the image.
-    first: usize,
-    /// Row behind the last one.
-    end: usize,
 }
 
 impl Rows {
-    fn new(width: usize, height: usize, top: usize) -> Self {
-        let stride = width.next_multiple_of(LANES);
+    fn new(width: usize) -> Self {
+        let stride = width.div_ceil(LANES);
+        Self {
+            values: vec![[0.0; LANES]; stride * (BAND + 2 * RADIUS)],
+            stride,
+        }
+    }
+
+    /// Rows of the image that exist around a band, with their positions here.
+    fn around(top: usize, height: usize) -> impl Iterator<Item = (usize, usize)> {
         let first = top.saturating_sub(RADIUS);
         let end = height.min(top + BAND + RADIUS);
-        Self {
-            values: vec![0.0; stride * (end - first)],
-            stride,
-            first,
-            end,
-        }
+        (first..end).map(move |row| (row, row + RADIUS - top))
     }
 
-    fn row(&mut self, row: usize) -> &mut [f32] {
-        let at = (row - self.first) * self.stride;
-        &mut self.values[at..at + self.stride]
+    fn row(&mut self, position: usize) -> &mut [[f32; LANES]] {
+        &mut self.values[position * self.stride..(position + 1) * self.stride]
     }
 
-    /// The vertical window over eight columns of a row of the image.
+    /// The vertical window over eight columns of a row of the band.
     #[inline(always)]
-    fn blur<V: Lanes>(&self, row: usize, column: usize, window: &[f32; RADIUS + 1]) -> V {
-        let at = |row: usize| (row - self.first) * self.stride + column;
-        let mut sum = load::<V>(&self.values, at(row)) * V::splat(window[0]);
+    fn blur<V: Lanes>(&self, row: usize, vector: usize, window: &[f32; RADIUS + 1]) -> V {
+        let middle = (row + RADIUS) * self.stride + vector;
+        let mut sum = V::load(&self.values[middle]) * V::splat(window[0]);
         for tap in 1..=RADIUS {
-            let weight = V::splat(window[tap]);
-            if row >= self.first + tap {
-                sum = load::<V>(&self.values, at(row - tap)).mul_add(weight, sum);
-            }
-            if row + tap < self.end {
-                sum = load::<V>(&self.values, at(row + tap)).mul_add(weight, sum);
-            }
+            let above = V::load(&self.values[middle - tap * self.stride]);
+            let below = V::load(&self.values[middle + tap * self.stride]);
+            sum = (above + below).mul_add(V::splat(window[tap]), sum);
         }
         sum
+    }
+}
+
+/// Products of two rows.
+#[inline(always)]
+fn product(to: &mut [f32], a: &[f32], b: &[f32]) {
+    for ((to, a), b) in to.iter_mut().zip(a).zip(b) {
+        *to = a * b;
     }
 }
 
@@ -195,27 +201,22 @@ impl Kernel for Forward<'_> {
 
     #[inline(always)]
     fn run<V: Lanes>(self) -> f64 {
-        let rows = || Rows::new(self.width, self.height, self.top);
+        let rows = || Rows::new(self.width);
         let mut all = [rows(), rows(), rows(), rows(), rows()];
         let mut padded = Padded::new(self.width);
-        for row in all[0].first..all[0].end {
+        for (row, position) in Rows::around(self.top, self.height) {
             let range = row * self.width..(row + 1) * self.width;
             let (x, y) = (&self.x[range.clone()], &self.y[range]);
             for (quantity, rows) in all.iter_mut().enumerate() {
-                let (a, b) = match quantity {
-                    0 | 2 => (x, x),
-                    1 | 3 => (y, y),
-                    _ => (x, y),
-                };
                 let to = padded.row();
-                if quantity < 2 {
-                    to.copy_from_slice(a);
-                } else {
-                    for k in 0..to.len() {
-                        to[k] = a[k] * b[k];
-                    }
+                match quantity {
+                    0 => to.copy_from_slice(x),
+                    1 => to.copy_from_slice(y),
+                    2 => product(to, x, x),
+                    3 => product(to, y, y),
+                    _ => product(to, x, y),
                 }
-                padded.blur::<V>(self.window, rows.row(row));
+                padded.blur::<V>(self.window, rows.row(position));
             }
         }
         self.similarity::<V>(&all)
@@ -231,12 +232,12 @@ impl Forward<'_> {
         for row in 0..rows {
             let mut of_row = 0.0;
             for column in (0..self.width).step_by(LANES) {
-                let (line, window) = (self.top + row, self.window);
-                let mx = all[0].blur::<V>(line, column, window);
-                let my = all[1].blur::<V>(line, column, window);
-                let exx = all[2].blur::<V>(line, column, window);
-                let eyy = all[3].blur::<V>(line, column, window);
-                let exy = all[4].blur::<V>(line, column, window);
+                let (vector, window) = (column / LANES, self.window);
+                let mx = all[0].blur::<V>(row, vector, window);
+                let my = all[1].blur::<V>(row, vector, window);
+                let exx = all[2].blur::<V>(row, vector, window);
+                let eyy = all[3].blur::<V>(row, vector, window);
+                let exy = all[4].blur::<V>(row, vector, window);
                 let (c1, c2, two) = (s(C1), s(C2), s(2.0));
                 let a1 = two * mx * my + c1;
                 let a2 = two * (exy - mx * my) + c2;
@@ -287,21 +288,21 @@ impl Kernel for Backward<'_> {
 
     #[inline(always)]
     fn run<V: Lanes>(self) {
-        let rows = || Rows::new(self.width, self.height, self.top);
+        let rows = || Rows::new(self.width);
         let mut all = [rows(), rows(), rows()];
         let mut padded = Padded::new(self.width);
-        for row in all[0].first..all[0].end {
+        for (row, position) in Rows::around(self.top, self.height) {
             let range = row * self.width..(row + 1) * self.width;
             for (by, rows) in self.by.iter().zip(&mut all) {
                 padded.row().copy_from_slice(&by[range.clone()]);
-                padded.blur::<V>(self.window, rows.row(row));
+                padded.blur::<V>(self.window, rows.row(position));
             }
         }
         for row in 0..self.out.len() / self.width {
             for column in (0..self.width).step_by(LANES) {
                 let mut lanes = [[0.0; LANES]; 3];
                 for (rows, lanes) in all.iter().zip(&mut lanes) {
-                    rows.blur::<V>(self.top + row, column, self.window)
+                    rows.blur::<V>(row, column / LANES, self.window)
                         .store(lanes);
                 }
                 for lane in 0..LANES.min(self.width - column) {
