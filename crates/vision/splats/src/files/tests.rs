@@ -311,3 +311,43 @@ fn readers_accept_any_bytes() {
         assert!(read(&[0x1f, 0x8b], MAX).is_err());
     }
 }
+
+#[test]
+fn a_file_of_another_program_is_read() {
+    let bytes = include_bytes!(concat!(
+        env!("CARGO_MANIFEST_DIR"),
+        "/tests/data/splat-transform.spz"
+    ));
+    let back = spz::read(bytes, MAX).unwrap().splats;
+    assert_eq!((back.len(), back.degree()), (50, 2));
+    // Signs of the harmonics of degrees 1 and 2 where y and z are negated.
+    let signs = [1.0, -1.0, -1.0, 1.0, -1.0, 1.0, 1.0, -1.0, 1.0];
+    for i in 0..50_u64 {
+        let bell = |k: u64| counter_random::bell(3, k, i) as f32;
+        let position = [bell(0), -bell(1), -bell(2)];
+        let distance = |j: &usize| -> f32 {
+            let along = |k: usize| (position[k] - back.get(*j).position_m[k]).powi(2);
+            (0..3).map(along).sum()
+        };
+        let nearest = (0..50)
+            .min_by(|a, b| distance(a).total_cmp(&distance(b)))
+            .unwrap();
+        let found = back.get(nearest);
+        assert!(distance(&nearest) < 1e-6, "{}", distance(&nearest));
+        for k in 0..3 {
+            let scale = -2.0 + bell(3 + k as u64);
+            assert!((found.log_scale[k] - scale).abs() < 0.032);
+        }
+        let expected = unit([bell(6), bell(7), -bell(8), -bell(9)]);
+        let both = expected.iter().zip(unit(found.rotation_wxyz));
+        let cosine: f32 = both.map(|(a, b)| a * b).sum();
+        assert!(cosine.abs() > 0.99999, "{cosine}");
+        assert!((found.opacity_logit - bell(10)).abs() < 0.03);
+        for (k, sign) in signs.into_iter().enumerate() {
+            for c in 0..3 {
+                let value = sign * 0.3 * bell(11 + 3 * k as u64 + c as u64);
+                assert!((found.harmonics[k][c] - value).abs() < 0.07, "{k}");
+            }
+        }
+    }
+}
