@@ -9,8 +9,8 @@ use cad_transforms::RigidTransform;
 use camera_models::{CameraModel, Distortion};
 use rustix::time::{ClockId, clock_gettime};
 use splats::{
-    Background, Camera, Exposure, ImageGradient, RenderConfig, Renderer, Scene, Splat, Splats,
-    TrainConfig, Trainer, TrainingView, reference,
+    Background, Camera, DetailConfig, DetailScene, Exposure, ImageGradient, RenderConfig, Renderer,
+    Scene, Splat, Splats, TrainConfig, Trainer, TrainingView, reference,
 };
 
 fn main() -> Result<(), splats::SplatError> {
@@ -67,13 +67,7 @@ fn main() -> Result<(), splats::SplatError> {
         });
         failed?;
         println!("training step at 672x376: {ms:.2} ms");
-        let cameras: Vec<Camera> = (0..64)
-            .map(|_| crate::camera(64, 64))
-            .collect::<Result<_, _>>()?;
-        let ms = median_ms(5, || {
-            renderer.render_batch(&scene, &cameras, &Exposure::NONE)
-        }) / 64.0;
-        println!("batch of 64 at 64x64: {ms:.3} ms an image");
+        detail(&renderer, &scene)?;
     }
     let scene = street(2000)?;
     let camera = camera(168, 94)?;
@@ -84,6 +78,31 @@ fn main() -> Result<(), splats::SplatError> {
     });
     let fast = median_ms(15, || renderer.render(&scene, &camera, &Exposure::NONE));
     println!("2000 Gaussians at 168x94: reference {ms:.0} ms, renderer {fast:.2} ms");
+    Ok(())
+}
+
+/// Batches of small images, exact and with levels of detail.
+fn detail(renderer: &Renderer, scene: &Scene) -> Result<(), splats::SplatError> {
+    for edge in [64, 96, 256] {
+        let cameras = vec![camera(edge, edge)?; 16];
+        let exact = renderer.render(scene, &cameras[0], &Exposure::NONE);
+        let render = || renderer.render_batch(scene, &cameras, &Exposure::NONE);
+        let ms = median_ms(3, render) / 16.0;
+        println!("batch at {edge}x{edge}: exact {ms:.3} CPU ms an image");
+        for max_sigma_px in [0.5, 0.6, 0.7, 0.8] {
+            let mut config = DetailConfig::default();
+            config.max_sigma_px = max_sigma_px;
+            let levels = DetailScene::new(scene, &config)?;
+            let image = renderer.render_detail(&levels, &cameras[0], &Exposure::NONE);
+            let pairs = exact.rgb.iter().flatten().zip(image.rgb.iter().flatten());
+            let sum: f64 = pairs.map(|(a, b)| f64::from(a - b).powi(2)).sum();
+            let psnr = -10.0 * (sum / (3 * edge * edge) as f64).log10();
+            let render = || renderer.render_detail_batch(&levels, &cameras, &Exposure::NONE);
+            let ms = median_ms(5, render) / 16.0;
+            let count = levels.count(&cameras[0]);
+            println!("  detail {max_sigma_px}: {count} Gaussians, {ms:.3} CPU ms, {psnr:.1} dB");
+        }
+    }
     Ok(())
 }
 

@@ -1,8 +1,8 @@
 //! Trains a simulated street from coarse points and reports held-out PSNR over steps and the number
 //! of Gaussians.
 //!
-//! `cargo run --release -p splats --example training -- STEPS GROWTH`, GROWTH one of `need`, `error`,
-//! `gradient`, `none`.
+//! `cargo run --release -p splats --example training -- STEPS GROWTH`, GROWTH one of `need`,
+//! `error`, `gradient`, `none`.
 #![expect(clippy::disallowed_methods, reason = "this program measures time")]
 
 use cad_transforms::RigidTransform;

@@ -67,7 +67,9 @@ pub use camera::{Camera, Shutter};
 pub use config::RenderConfig;
 pub use error::SplatError;
 pub use lanes::Level;
-pub use render::{Gradients, Image, ImageGradient, Pass, RenderStats, Renderer};
+pub use render::{
+    DetailConfig, DetailScene, Gradients, Image, ImageGradient, Pass, RenderStats, Renderer,
+};
 pub use scene::{Background, Exposure, MAX_DEGREE, Plane, Scene, Sky, Splat, Splats, coefficients};
 pub use train::{
     Evaluation, ExposureConfig, GrowthCheck, GrowthConfig, LossConfig, OptimizerConfig, PoseConfig,

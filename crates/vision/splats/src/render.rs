@@ -11,6 +11,7 @@
 mod backward;
 mod bins;
 mod blend;
+mod detail;
 mod finish;
 mod forward;
 mod geometry;
@@ -22,6 +23,7 @@ mod project;
 mod tests;
 mod view;
 
+pub use detail::{DetailConfig, DetailScene};
 pub use forward::{Pass, RenderStats, Renderer};
 pub use gradients::{Gradients, ImageGradient};
 pub use image::Image;

@@ -4,10 +4,12 @@
 //! are: that is the convention of all files of Gaussians.
 
 mod exposure;
+mod morton;
 mod sky;
 mod splats;
 
 pub use exposure::Exposure;
+pub(crate) use morton::morton_order;
 pub use sky::Sky;
 pub use splats::{MAX_DEGREE, Plane, Splat, Splats, coefficients};
 

@@ -1,5 +1,7 @@
 //! Rendering of an image.
 
+use std::ops::Range;
+
 use rayon::prelude::*;
 
 use super::bins::Bins;
@@ -166,9 +168,23 @@ impl Renderer {
 
     /// Renders an image and keeps what its gradients need.
     pub fn forward(&self, scene: &Scene, camera: &Camera, exposure: &Exposure) -> Pass {
+        let ranges = project::whole(&scene.splats);
+        self.forward_ranges(scene, &ranges, 1, camera, exposure)
+    }
+
+    /// Renders some ranges of the Gaussians.
+    pub(super) fn forward_ranges(
+        &self,
+        scene: &Scene,
+        ranges: &[Range<usize>],
+        ranges_per_task: usize,
+        camera: &Camera,
+        exposure: &Exposure,
+    ) -> Pass {
         let view = View::new(camera, &self.config);
+        let (splats, config) = (&scene.splats, &self.config);
         let (footprints, degenerate) =
-            project::project(&scene.splats, &view, &self.config, self.level);
+            project::project(splats, ranges, ranges_per_task, &view, config, self.level);
         let order = order::by_depth(&footprints);
         let bins = Bins::new(&footprints, &order, &view);
         let tiles: Vec<TileImage> = (0..bins.tiles())

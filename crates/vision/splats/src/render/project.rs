@@ -5,6 +5,8 @@
 //! `det(N Nᵀ) + ε tr(N Nᵀ) + ε²`, and the first term as the sum of the squares of the minors of N
 //! (Cauchy and Binet): no cancellation, however thin the Gaussian.
 
+use std::ops::Range;
+
 use rayon::prelude::*;
 
 use super::geometry::{Linear, Placement, Shape, Shear, axes, directions, dot, root, sigmoid};
@@ -42,23 +44,24 @@ pub(super) struct Footprint {
     pub(super) index: u32,
 }
 
-/// All visible Gaussians in the order of their indices, and the number of degenerate ones.
+/// All visible Gaussians of some ranges, in their order, and the number of degenerate ones. A task
+/// has as many ranges as `ranges_per_task`.
 pub(super) fn project(
     splats: &Splats,
+    ranges: &[Range<usize>],
+    ranges_per_task: usize,
     view: &View,
     config: &RenderConfig,
     level: Level,
 ) -> (Vec<Footprint>, usize) {
-    let starts: Vec<usize> = (0..splats.len()).step_by(CHUNK).collect();
-    let chunks: Vec<(Vec<Footprint>, usize)> = starts
-        .into_par_iter()
-        .map(|start| {
+    let chunks: Vec<(Vec<Footprint>, usize)> = ranges
+        .par_chunks(ranges_per_task)
+        .map(|ranges| {
             level.run(Project {
                 splats,
                 view,
                 config,
-                start,
-                end: splats.len().min(start + CHUNK),
+                ranges,
                 reach: 2.0 * libm::logf(1.0 / config.min_alpha) * 1.001,
             })
         })
@@ -72,12 +75,19 @@ pub(super) fn project(
     (footprints, degenerate)
 }
 
+/// All Gaussians, in ranges of one task each.
+pub(super) fn whole(splats: &Splats) -> Vec<Range<usize>> {
+    let starts = (0..splats.len()).step_by(CHUNK);
+    starts
+        .map(|start| start..splats.len().min(start + CHUNK))
+        .collect()
+}
+
 struct Project<'a> {
     splats: &'a Splats,
     view: &'a View,
     config: &'a RenderConfig,
-    start: usize,
-    end: usize,
+    ranges: &'a [Range<usize>],
     /// `dᵀ Q d` at which the alpha of an opaque Gaussian falls to its minimum, and a margin.
     reach: f32,
 }
@@ -89,8 +99,11 @@ impl Kernel for Project<'_> {
     fn run<V: Lanes>(self) -> Self::Output {
         let mut out = Vec::new();
         let mut degenerate = 0;
-        for start in (self.start..self.end).step_by(LANES) {
-            degenerate += self.block::<V>(start, &mut out);
+        for range in self.ranges {
+            for start in range.clone().step_by(LANES) {
+                let count = (range.end - start).min(LANES);
+                degenerate += self.block::<V>(start, count, &mut out);
+            }
         }
         (out, degenerate)
     }
@@ -99,10 +112,9 @@ impl Kernel for Project<'_> {
 impl Project<'_> {
     /// Appends the visible ones of eight Gaussians; returns the number of degenerate ones.
     #[inline(always)]
-    fn block<V: Lanes>(&self, start: usize, out: &mut Vec<Footprint>) -> usize {
+    fn block<V: Lanes>(&self, start: usize, count: usize, out: &mut Vec<Footprint>) -> usize {
         let s = V::splat;
         let config = self.config;
-        let count = (self.end - start).min(LANES);
         let block = Block {
             planes: self.splats.planes(),
             start,

@@ -17,7 +17,7 @@ use crate::camera::Camera;
 use crate::config::RenderConfig;
 use crate::error::SplatError;
 use crate::render::{Gradients, Renderer};
-use crate::scene::{Background, Exposure, Scene};
+use crate::scene::{Background, Exposure, Scene, morton_order};
 
 /// Smallest radius of a scene, m: cameras may stand at one position.
 const MIN_RADIUS_M: f32 = 0.5;
@@ -138,7 +138,7 @@ impl Trainer {
         let Scene { splats, background } = scene;
         let degree = splats.degree().min(config.degree);
         let splats = splats.with_degree(degree)?;
-        let splats = splats.select(&grow::morton_order(&splats));
+        let splats = splats.select(&morton_order(&splats));
         let texels = match &background {
             Background::Constant(_) => 1,
             Background::Sky(sky) => sky.texels().len(),
