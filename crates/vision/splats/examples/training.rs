@@ -113,7 +113,7 @@ fn view(renderer: &Renderer, truth: &Scene, number: u32) -> Result<TrainingView,
     let [w, h] = [SIZE.0, SIZE.1].map(f64::from);
     let lens = [0.55 * w, 0.55 * w, (w - 1.0) / 2.0, (h - 1.0) / 2.0];
     let model = CameraModel::new(SIZE, lens, Distortion::None);
-    let angle = if number % 2 == 0 { 0.4 } else { -0.4 };
+    let angle = if number.is_multiple_of(2) { 0.4 } else { -0.4 };
     let rotation = RigidTransform::from_rotation_vector([0.0, angle, 0.0], [0.0; 3]);
     let position = RigidTransform::from_translation_m([0.0, 0.0, -0.4 * f64::from(number)]);
     let poses = rotation.and_then(|rotation| Ok(rotation * position?));
