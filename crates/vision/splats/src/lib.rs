@@ -7,6 +7,7 @@
 //! - [`Renderer::render`] gives color, expected and median depth and accumulated alpha in one pass,
 //!   [`Renderer::backward`] the gradients of a loss with respect to all parameters, the pose, the
 //!   [`Exposure`] and the background. [`mod@reference`] is the same in f64, slow and plain.
+//! - [`DetailScene`] renders many small images faster, at a price that is stated.
 //! - [`Trainer`] fits a scene to [`TrainingView`]s; [`train()`] chooses the number of Gaussians by
 //!   held-out views.
 //! - [`files`] reads and writes `.ply`, `.splat` and `.spz`.

@@ -52,7 +52,8 @@ pub fn rub_from_z_up() -> RigidTransform {
     RigidTransform::from_rotation_rows(rows, [0.0; 3]).expect("the rows of a rotation")
 }
 
-/// Writes Gaussians. Positions are rounded to 0.24 mm, scales to 6 %.
+/// Writes Gaussians. Positions are rounded to 0.24 mm, scales to 6 % and to 0.05 mm to 380 m,
+/// harmonics above degree 0 are cut at -1 and 1.
 ///
 /// # Errors
 /// [`FileError::Header`] if a position is beyond 2048 m.

@@ -44,8 +44,8 @@ pub(super) struct Footprint {
     pub(super) index: u32,
 }
 
-/// All visible Gaussians of some ranges, in their order, and the number of degenerate ones. A task
-/// has as many ranges as `ranges_per_task`.
+/// All visible Gaussians of some ranges, in their order, and the number of degenerate ones.
+/// `ranges_per_task` ranges are one task.
 pub(super) fn project(
     splats: &Splats,
     ranges: &[Range<usize>],

@@ -69,8 +69,9 @@ pub fn psnr_db(image: &Image, view: &TrainingView) -> f64 {
 }
 
 fn depth_errors(image: &Image, view: &TrainingView) -> Vec<f32> {
-    let both = image.median_depth_m.iter().zip(&view.depth_m);
-    both.filter(|(z, d)| z.is_finite() && **d > 0.0)
-        .map(|(z, d)| (z - d).abs() / d)
+    let usable = |pixel: usize| view.mask.get(pixel).copied().unwrap_or(true);
+    let both = image.median_depth_m.iter().zip(&view.depth_m).enumerate();
+    both.filter(|(pixel, (z, d))| usable(*pixel) && z.is_finite() && **d > 0.0)
+        .map(|(_, (z, d))| (z - d).abs() / d)
         .collect()
 }
