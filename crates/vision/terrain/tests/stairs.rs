@@ -16,7 +16,7 @@ fn check(name: &str, camera: Camera, up: bool, disparity_px: f64, limits: [f64; 
 
 fn check_with(name: &str, camera: Camera, up: bool, of: Noise, limits: [f64; 2]) {
     // Views of the small camera cost less.
-    let walks = if camera.size[0] > 1000 { 1 } else { 3 };
+    let walks = if camera.size[0] > 1000 { 1 } else { 2 };
     let scores = (0..walks).map(|seed| {
         let seed = seed + 1;
         let shots = walk(camera, 4, up, Noise { seed, ..of });
