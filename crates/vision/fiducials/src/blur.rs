@@ -2,39 +2,26 @@
 
 use cad_transforms::RigidTransform;
 
-use crate::pattern::{self, Profile};
 use crate::tag::Tag;
-use crate::view::{Motion, PlanePoint, RowPose, View, pixel_axes};
+use crate::view::{Motion, RowPose, View, pixel_axes};
 
-/// Motion between samples of the pattern along a blur by motion, cells.
-const MOTION_STEP_CELLS: f64 = 0.4;
 /// Standard deviation of a pixel's own width, px.
 const PIXEL_SIGMA: f64 = 0.288_675;
-/// Maximum number of these samples.
-const MAX_MOTION_SAMPLES: usize = 11;
+
+/// Relative difference of sigmas, and difference of motion, cells, up to which patterns are
+/// extrapolated: by less than a gray level.
+const NEAR_SHARE: f64 = 0.1;
+const NEAR_CELLS: f64 = 0.05;
 
 /// Blur along the axes of a tag.
 #[derive(Clone, Debug)]
 pub(crate) struct Blur {
-    /// Sigmas along both axes, cells, and what cells contribute with them.
-    sigma: [f64; 2],
-    profiles: [Profile; 2],
+    /// Sigmas along both axes, cells.
+    pub(crate) sigma: [f64; 2],
     /// Share of the lens in the squares of these.
-    lens_share: f64,
-    /// Motion during the exposure, cells, and the number of samples along it.
-    motion: [f64; 2],
-    samples: usize,
-}
-
-/// The blurred pattern at a point.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct BlurSample {
-    /// From 0, black, to 1, white.
-    pub(crate) value: f64,
-    /// Gradient, 1/m.
-    pub(crate) gradient: [f64; 2],
-    /// Derivative by the logarithm of the lens's blur.
-    pub(crate) by_log_blur: f64,
+    pub(crate) lens_share: f64,
+    /// Motion during the exposure, cells.
+    pub(crate) motion: [f64; 2],
 }
 
 impl Blur {
@@ -51,15 +38,22 @@ impl Blur {
         let square = lens_px * lens_px + PIXEL_SIGMA * PIXEL_SIGMA;
         let drift = RowPose::new(view, pose, motion, 0.0).drift(motion, view);
         let moved = drift.map(|speed| speed * view.exposure_s / cell);
-        let samples = (libm::hypot(moved[0], moved[1]) / MOTION_STEP_CELLS).ceil();
         let sigma = [0, 1].map(|k| (square * (x[k] * x[k] + y[k] * y[k])).sqrt() / cell);
         Some(Self {
             sigma,
-            profiles: sigma.map(Profile::new),
             lens_share: lens_px * lens_px / square,
             motion: moved,
-            samples: (samples.max(1.0) as usize).min(MAX_MOTION_SAMPLES),
         })
+    }
+
+    /// Change of the logarithm of the lens's blur that gives another one, if a pattern can be
+    /// extrapolated to that.
+    pub(crate) fn log_growth_to(&self, other: &Self) -> Option<f64> {
+        let growth = [0, 1].map(|k| other.sigma[k] / self.sigma[k] - 1.0);
+        let is_near = (0..2).all(|k| {
+            growth[k].abs() < NEAR_SHARE && (self.motion[k] - other.motion[k]).abs() < NEAR_CELLS
+        });
+        is_near.then(|| 0.5 * (growth[0] + growth[1]) / self.lens_share)
     }
 
     /// How far the blur reaches along both axes, with these sigmas of lens and pixel, cells.
@@ -75,28 +69,5 @@ impl Blur {
             gaussian / self.motion[k].abs().max(1.0)
         });
         x * y
-    }
-
-    /// The pattern at a point of the plane.
-    pub(crate) fn sample(&self, tag: &Tag, point: &PlanePoint) -> BlurSample {
-        let cell = tag.cell_m();
-        let mut sum = BlurSample {
-            value: 0.0,
-            gradient: [0.0; 2],
-            by_log_blur: 0.0,
-        };
-        let share = 1.0 / self.samples as f64;
-        for n in 0..self.samples {
-            let t = (n as f64 + 0.5) * share - 0.5;
-            let place = [0, 1].map(|k| point.at[k] / cell + t * self.motion[k]);
-            let [across, down] = &self.profiles;
-            let sample = pattern::sample(tag, place, [across, down]);
-            sum.value += share * sample.value;
-            for k in 0..2 {
-                sum.gradient[k] += share * sample.gradient[k] / cell;
-                sum.by_log_blur += share * self.lens_share * sample.by_log_blur[k];
-            }
-        }
-        sum
     }
 }

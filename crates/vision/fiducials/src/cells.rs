@@ -2,12 +2,11 @@
 
 use cad_transforms::RigidTransform;
 
-use crate::blur::Blur;
 use crate::levels::Levels;
-use crate::patch::{Patch, cell_at};
+use crate::patch::{Window, cell_at};
 use crate::tag::Tag;
 use crate::tone::Tone;
-use crate::view::Motion;
+use crate::view::{Motion, PlanePoint};
 
 /// Deviation from which on something hides a cell, and from which on its bit is wrong: 1 is that of
 /// a cell of the other color.
@@ -25,36 +24,38 @@ pub(crate) struct Cells {
 }
 
 impl Cells {
-    /// Compares all pixels of a patch.
+    /// Compares all pixels of a window; `light` is the pattern at a place of the plane, and
+    /// `own_share` what a cell contributes to it at its middle.
     pub(crate) fn new(
-        patch: &Patch<'_>,
+        window: &Window<'_>,
         tag: &Tag,
         pose: &RigidTransform,
         motion: &Motion,
-        (blur, levels, tone): (&Blur, &Levels, &Tone),
+        (levels, tone): (&Levels, &Tone),
+        (light, own_share): (impl Fn(&PlanePoint) -> f64, f64),
     ) -> Self {
         let count = tag.cells() * tag.cells();
         let mut sums = vec![[0.0; 2]; count];
-        patch.for_each(pose, motion, |pixel, row_pose| {
-            let Some(point) = row_pose.meet(&pixel.ray) else {
-                return;
-            };
+        window.for_each(pose, motion, |pixel, _, point| {
             let Some(cell) = cell_at(tag, point.at) else {
                 return;
             };
-            let expected = tone.at(blur.sample(tag, &point).value).0;
+            let expected = f64::from(tone.at(light(point) as f32).0);
             let found = (pixel.level - levels.black) / levels.contrast();
             // Pixels near the middle of a cell depend on it most.
-            let off = point.at.map(|v| {
+            let from_middle = point.at.map(|v| {
                 let place = v / tag.cell_m() + tag.half_cells();
                 place - place.floor() - 0.5
             });
-            let weight = libm::exp(-8.0 * (off[0] * off[0] + off[1] * off[1]));
+            let weight = from_middle
+                .map(|v| (1.0 - 4.0 * v * v).powi(2))
+                .iter()
+                .product::<f64>();
             sums[cell][0] += weight * (found - expected);
             sums[cell][1] += weight;
         });
         // Where cells are blurred into each other, a deviation of all of them is noise.
-        let own = blur.own_share().max(MIN_SHARE);
+        let own = own_share.max(MIN_SHARE);
         let deviation = |[sum, weight]: [f64; 2]| (weight > 0.05).then(|| sum / weight / own);
         Self {
             deviations: sums.into_iter().map(deviation).collect(),

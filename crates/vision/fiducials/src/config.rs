@@ -11,6 +11,9 @@ config! {
         pub max_iterations: usize = 12,
         /// Motion of the corners in an iteration at which the fit has converged, cells.
         pub convergence_cells: f64 = 0.002,
+        /// Motion of the corners in an iteration that does not lower the cost, at which the fit has
+        /// converged, cells.
+        pub rejected_cells: f64 = 0.01,
         /// Noise of a pixel that no fit is better than, gray levels.
         pub noise_levels: f64 = 2.0,
         /// Residuals beyond this multiple of their median count less.
@@ -26,6 +29,9 @@ config! {
         pub tone_sigma: f64 = 0.1,
         /// Minimum difference of white and black, gray levels.
         pub min_contrast_levels: f64 = 12.0,
+        /// Maximum number of pixels of an eye that count, evenly spread over larger tags. Errors
+        /// of the model, which all pixels share, limit the accuracy, not noise.
+        pub max_pixels: usize = 300,
         /// Minimum share of the tag's cells inside the image.
         pub min_share: f64 = 0.5,
         /// Maximum number of wrong bits of a tag of known identity.

@@ -13,10 +13,11 @@ use crate::align::Aligner;
 use crate::cells::Cells;
 use crate::config::Config;
 use crate::linearization::{Linearization, Problem, State};
-use crate::patch::{Patch, Selection};
+use crate::moments::Moments;
+use crate::patch::{Patch, Selection, Window};
 use crate::planar_pose::mirrored;
 use crate::tag::Tag;
-use crate::view::{Motion, View};
+use crate::view::{Motion, PlanePoint, View};
 
 /// A fitted tag.
 #[derive(Clone, Debug)]
@@ -51,6 +52,8 @@ pub struct Minimum {
 /// Cost above that of the first pose at which the start of a second one is given up, relative to
 /// the maximum after its fit.
 const START_EXCESS: f64 = 10.0;
+/// Convergence before pixels are selected again, as a multiple of that after it.
+const FIRST_CONVERGENCE: f64 = 10.0;
 /// Rotation about the axes in the plane that moves a corner, relative to rotation in the plane.
 const TILT_SHARE: f64 = 0.2;
 
@@ -63,21 +66,34 @@ pub fn fit(
     motion: &Motion,
     config: &Config,
 ) -> Option<Fit> {
-    let fitter = Fitter {
-        views,
+    let mut fitter = Fitter {
+        views: views.len(),
+        windows: windows(views, tag, start),
         tag,
         motion,
         config,
     };
     let all = vec![Selection::all(tag, config); views.len()];
-    let aligned = fitter.align(start, &all)?;
+    let mut start = Start::at(*start);
+    let mut problem = fitter.problem(&start, &all)?;
+    if let Some(aligned) = fitter.align(&start.pose, &problem) {
+        start = Start::at(aligned);
+        if !fitter.windows.iter().all(|own| own.covers(tag, &aligned)) {
+            drop(problem);
+            fitter.windows = windows(views, tag, &aligned);
+        }
+        problem = fitter.problem(&start, &all)?;
+    }
     // Pixels are selected by the pose, the blur and what hides the tag: again once these are known.
-    let first = fitter.solve(&aligned, &all)?;
-    let second = fitter.solve(&first.state.pose, &first.selections)?;
+    let first = fitter.solve(&problem, &start, FIRST_CONVERGENCE)?;
+    let start = first.as_start();
+    let patches = fitter.patches(&start.pose, &first.selections);
+    let problem = problem.with_patches(patches, (&start.pose, start.log_blur))?;
+    let second = fitter.solve(&problem, &start, 1.0)?;
     if second.wrong_bits > config.max_wrong_bits {
         return None;
     }
-    let other = fitter.other(&second, &first.selections);
+    let other = fitter.other(&problem, &second);
     let (best, other) = match other {
         Some((other, excess)) if excess < 0.0 => (other, Some((second, -excess))),
         other => (second, other),
@@ -101,11 +117,39 @@ pub fn fit(
     })
 }
 
+/// Pixels around a tag, of the eyes that see it.
+fn windows<'a>(views: &[View<'a>], tag: &Tag, pose: &RigidTransform) -> Vec<Window<'a>> {
+    let views = views.iter().enumerate();
+    views
+        .filter_map(|view| Window::new(view, tag, pose))
+        .collect()
+}
+
 struct Fitter<'a> {
-    views: &'a [View<'a>],
+    /// Number of views.
+    views: usize,
+    /// Of those that see the tag.
+    windows: Vec<Window<'a>>,
     tag: &'a Tag,
     motion: &'a Motion,
     config: &'a Config,
+}
+
+/// Where a fit starts.
+struct Start {
+    pose: RigidTransform,
+    log_blur: f64,
+    tone: Option<f64>,
+}
+
+impl Start {
+    fn at(pose: RigidTransform) -> Self {
+        Self {
+            pose,
+            log_blur: 0.0,
+            tone: None,
+        }
+    }
 }
 
 /// A converged fit.
@@ -116,101 +160,106 @@ struct Solution {
     selections: Vec<Selection>,
     visible_share: Vec<f64>,
     wrong_bits: u32,
-    /// The views that were used.
-    eyes: Vec<usize>,
+}
+
+impl Solution {
+    fn as_start(&self) -> Start {
+        Start {
+            pose: self.state.pose,
+            log_blur: self.state.log_blur,
+            tone: Some(self.state.tone),
+        }
+    }
 }
 
 impl<'a> Fitter<'a> {
+    /// Selected pixels near a pose, of the eyes that show enough of the tag.
     fn patches(&self, pose: &RigidTransform, selections: &[Selection]) -> Vec<Patch<'a>> {
-        let views = self.views.iter().enumerate().zip(selections);
-        views
-            .filter_map(|(view, selection)| {
-                Patch::new(view, self.tag, pose, self.motion, selection, self.config)
-            })
+        let (tag, motion, config) = (self.tag, self.motion, self.config);
+        let windows = self.windows.iter();
+        windows
+            .filter_map(|own| Patch::new(own, tag, pose, motion, &selections[own.eye], config))
             .collect()
     }
 
-    /// A start from which the fit converges.
-    fn align(&self, start: &RigidTransform, selections: &[Selection]) -> Option<RigidTransform> {
-        let patches = self.patches(start, selections);
-        let problem = self.problem(&patches);
-        let evaluation = problem.evaluate(start, 0.0)?;
-        if problem.correlation(&evaluation) > self.config.min_start_correlation {
-            return Some(*start);
+    /// Selected pixels near a start, and the pattern there; `None` if no eye shows enough.
+    fn problem(&self, start: &Start, selections: &[Selection]) -> Option<Problem<'a>> {
+        let patches = self.patches(&start.pose, selections);
+        let (tag, motion, config) = (self.tag, self.motion, self.config);
+        let at = (&start.pose, start.log_blur);
+        Problem::new(patches, tag, motion, config, at)
+    }
+
+    /// A start from which the fit converges, if this one is not.
+    fn align(&self, start: &RigidTransform, problem: &Problem<'_>) -> Option<RigidTransform> {
+        let patterns = problem.patterns(start, 0.0)?;
+        let correlations = patterns.iter().map(|of_patch| {
+            let mut moments = Moments::default();
+            for [pattern, level] in of_patch {
+                moments.add(f64::from(*pattern), f64::from(*level));
+            }
+            moments.correlation()
+        });
+        if correlations.fold(1.0, f64::min) > self.config.min_start_correlation {
+            return None;
         }
+        let patches: Vec<&Patch<'_>> = problem.patches.iter().map(|own| &own.patch).collect();
         let aligner = Aligner {
             patches: &patches,
             tag: self.tag,
             motion: self.motion,
         };
-        (!patches.is_empty()).then(|| aligner.align(start))
+        Some(aligner.align(start))
     }
 
-    /// The pose near a start from the pixels that count.
-    fn solve(&self, start: &RigidTransform, selections: &[Selection]) -> Option<Solution> {
-        let patches = self.patches(start, selections);
-        let problem = self.problem(&patches);
-        let mut evaluation = problem.evaluate(start, 0.0)?;
-        let mut state = problem.start(start, &evaluation)?;
-        let mut noise = problem.noise(&state, &evaluation);
-        let mut at = problem.linearize(&state, &evaluation, noise)?;
+    /// The pose near a start; `convergence` as a multiple of the configured one.
+    fn solve(&self, problem: &Problem<'_>, start: &Start, convergence: f64) -> Option<Solution> {
+        let patterns = problem.patterns(&start.pose, start.log_blur)?;
+        let mut state = problem.start(&start.pose, start.log_blur, &patterns)?;
+        state.tone = start.tone.unwrap_or(state.tone);
+        let mut evaluation = problem.evaluate(&state)?;
+        let mut noise = problem.noise(&evaluation);
+        let mut at = problem.linearize(&state, &evaluation, noise);
         let mut damping = 1e-3;
+        let converged = convergence * self.config.convergence_cells;
         for _ in 0..self.config.max_iterations {
             let step = at.step(damping)?;
+            let motion = self.corner_motion(&step);
             let moved = state.after(&step)?;
-            let patterns = problem.evaluate(&moved.pose, moved.log_blur);
-            let next = patterns.and_then(|patterns| {
-                let next = problem.linearize(&moved, &patterns, noise)?;
-                (next.cost <= at.cost).then_some((patterns, next))
-            });
-            let Some((patterns, next)) = next else {
-                if damping > 1e5 {
+            let least = problem.cost(&evaluation, noise);
+            let next = problem.evaluate(&moved);
+            let Some(next) = next.filter(|next| problem.cost(next, noise) <= least) else {
+                // Values and gradients of a table agree to so much.
+                if motion < converged.max(self.config.rejected_cells) {
                     break;
                 }
                 damping *= 8.0;
                 continue;
             };
-            (state, evaluation) = (moved, patterns);
+            (state, evaluation) = (moved, next);
             damping *= 0.2;
-            let is_converged = self.corner_motion(&step) < self.config.convergence_cells;
             // Noise is overestimated before convergence.
-            let lower = problem.noise(&state, &evaluation);
+            let lower = problem.noise(&evaluation);
             let is_settled = lower > 0.9 * noise;
             noise = lower;
-            at = match is_settled {
-                true => next,
-                false => problem.linearize(&state, &evaluation, noise)?,
-            };
-            if is_converged && is_settled {
+            at = problem.linearize(&state, &evaluation, noise);
+            if motion < converged && is_settled {
                 break;
             }
         }
-        self.solution(&problem, state, at)
+        self.solution(problem, state, at)
     }
 
-    /// The solution with the tag tilted the other way, and its cost above that of the first one;
-    /// `None` if there is no second minimum.
-    fn other(&self, first: &Solution, selections: &[Selection]) -> Option<(Solution, f64)> {
-        let eye_from_reference = self.views[*first.eyes.first()?].eye_from_reference;
+    /// The solution with the tag tilted the other way, by the same pixels, and its cost above that
+    /// of the first one with the same noise; `None` if there is no second minimum.
+    fn other(&self, problem: &Problem<'_>, first: &Solution) -> Option<(Solution, f64)> {
+        let eye_from_reference = problem.patches.first()?.patch.view.eye_from_reference;
         let start = mirrored(&(eye_from_reference * first.state.pose), [0.0; 3])?;
         let start = eye_from_reference.inverse() * start;
-        // By the same pixels and the same noise.
-        let patches = self.patches(&first.state.pose, selections);
-        if !patches
-            .iter()
-            .map(|patch| patch.eye)
-            .eq(first.eyes.iter().copied())
-        {
-            return None;
-        }
-        let problem = self.problem(&patches);
-        let evaluation = problem.evaluate(&first.state.pose, first.state.log_blur)?;
-        let noise = problem.noise(&first.state, &evaluation);
-        let cost = |state: &State| {
-            let evaluation = problem.evaluate(&state.pose, state.log_blur)?;
-            Some(problem.linearize(state, &evaluation, noise)?.cost)
-        };
-        let least = cost(&first.state)?;
+        let evaluation = problem.evaluate(&first.state)?;
+        let noise = problem.noise(&evaluation);
+        let cost = |state: &State| Some(problem.cost(&problem.evaluate(state)?, noise));
+        let least = problem.cost(&evaluation, noise);
         let at_start = State {
             pose: start,
             ..first.state.clone()
@@ -218,42 +267,36 @@ impl<'a> Fitter<'a> {
         if cost(&at_start)? - least > START_EXCESS * self.config.max_excess_cost {
             return None;
         }
-        let other = self.solve(&start, selections)?;
+        let from = Start {
+            pose: start,
+            ..first.as_start()
+        };
+        let other = self.solve(problem, &from, 1.0)?;
         let between = first.state.pose.inverse() * other.state.pose;
-        if between.angle_rad() < self.config.min_other_rad || other.eyes != first.eyes {
+        if between.angle_rad() < self.config.min_other_rad {
             return None;
         }
         let excess = cost(&other.state)? - least;
         Some((other, excess))
     }
 
-    fn problem<'p>(&'p self, patches: &'p [Patch<'p>]) -> Problem<'p> {
-        Problem {
-            patches,
-            tag: self.tag,
-            motion: self.motion,
-            config: self.config,
-        }
-    }
-
     /// The solution with what each eye sees of the tag.
     fn solution(&self, problem: &Problem<'_>, state: State, at: Linearization) -> Option<Solution> {
-        let all = Selection::all(self.tag, self.config);
-        let lens_px = self.config.blur_px * libm::exp(state.log_blur);
-        let mut selections = vec![all.clone(); self.views.len()];
-        let mut visible_share = vec![0.0; self.views.len()];
+        let (tag, motion, pose) = (self.tag, self.motion, &state.pose);
+        let mut selections = vec![Selection::all(tag, self.config); self.views];
+        let mut visible_share = vec![0.0; self.views];
         let mut wrong_bits = u32::MAX;
-        for (patch, levels) in problem.patches.iter().zip(&state.levels) {
-            let view = (patch.eye, &patch.view);
-            let (tag, motion) = (self.tag, self.motion);
-            let whole = Patch::new(view, tag, &state.pose, motion, &all, self.config)?;
-            let blur = problem.blur(patch, &state.pose, state.log_blur)?;
+        for (patterned, levels) in problem.patches.iter().zip(&state.levels) {
+            let eye = patterned.patch.eye;
+            let window = self.windows.iter().find(|own| own.eye == eye)?;
             let tone = levels.tone(state.tone);
-            let cells = Cells::new(&whole, tag, &state.pose, motion, (&blur, levels, &tone));
-            visible_share[patch.eye] = cells.visible_share();
+            let light = |point: &PlanePoint| patterned.pattern(tag, point.at, state.log_blur).value;
+            let light = (light, patterned.blur.own_share());
+            let cells = Cells::new(window, tag, pose, motion, (levels, &tone), light);
+            visible_share[eye] = cells.visible_share();
             wrong_bits = wrong_bits.min(cells.wrong_bits(tag));
-            selections[patch.eye] = Selection {
-                blur_px: lens_px,
+            selections[eye] = Selection {
+                blur_px: self.config.blur_px * libm::exp(state.log_blur),
                 is_hidden: cells.is_hidden(),
             };
         }
@@ -263,7 +306,6 @@ impl<'a> Fitter<'a> {
             selections,
             visible_share,
             wrong_bits,
-            eyes: problem.patches.iter().map(|patch| patch.eye).collect(),
         })
     }
 

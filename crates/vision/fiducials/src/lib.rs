@@ -24,9 +24,11 @@ mod pattern;
 mod planar_pose;
 mod quadrilateral;
 mod regions;
+mod residuals;
 mod search;
 pub mod square;
 mod tag;
+mod template;
 #[cfg(test)]
 mod test_images;
 mod tone;

@@ -1,5 +1,7 @@
 //! Normal equations of a fit.
 
+use std::rc::Rc;
+
 use cad_transforms::RigidTransform;
 use nalgebra::{DMatrix, DVector, Matrix6};
 
@@ -7,20 +9,19 @@ use crate::blur::Blur;
 use crate::config::Config;
 use crate::levels::Levels;
 use crate::moments::Moments;
-use crate::patch::Patch;
+use crate::patch::{Patch, Pixel};
+use crate::pattern::PatternSample;
+use crate::residuals::{
+    BLUR, Batch, Evaluation, LevelModel, OWN, Residuals, SHARED, Sums, TONE, robust_excess,
+};
 use crate::tag::Tag;
+use crate::template::Template;
 use crate::tone::Tone;
-use crate::view::{Motion, by_motion};
+use crate::view::{Motion, PlanePoint, by_motion};
 
-/// Unknowns that all eyes share: pose, blur, tone.
-const SHARED: usize = 8;
-const BLUR: usize = 6;
-const TONE: usize = 7;
 /// Limits of the logarithm of the blur, and of the exponent of the tone curve.
 const LOG_BLUR_LIMIT: f64 = 1.5;
 const TONE_LIMITS: [f64; 2] = [0.25, 1.2];
-/// Step of the difference by the exponent.
-const TONE_STEP: f64 = 0.01;
 /// Standard deviation of a normal distribution by the median of its absolute values.
 const SIGMA_BY_MEDIAN: f64 = 1.4826;
 
@@ -59,8 +60,6 @@ impl State {
 pub(crate) struct Linearization {
     hessian: DMatrix<f64>,
     gradient: DVector<f64>,
-    /// Robust cost, in units of the noise.
-    pub(crate) cost: f64,
     /// Residual of the pixels, weighted, levels.
     pub(crate) rms_levels: f64,
     /// Blur on the tag in the sharpest eye, m.
@@ -95,193 +94,243 @@ impl Linearization {
 
 /// What is fitted.
 pub(crate) struct Problem<'a> {
-    pub(crate) patches: &'a [Patch<'a>],
-    pub(crate) tag: &'a Tag,
-    pub(crate) motion: &'a Motion,
-    pub(crate) config: &'a Config,
+    pub(crate) patches: Vec<PatternedPatch<'a>>,
+    tag: &'a Tag,
+    motion: &'a Motion,
+    config: &'a Config,
 }
 
-/// A pixel's pattern before the tone curve, and its derivatives by pose and blur.
-struct Row {
-    patch: usize,
-    pattern: f64,
-    by_shared: [f64; 7],
-    level: f64,
+/// Pixels of an eye, and the pattern that they are compared with.
+pub(crate) struct PatternedPatch<'a> {
+    pub(crate) patch: Patch<'a>,
+    pub(crate) blur: Blur,
+    /// Eyes with similar blur have the same one.
+    template: Rc<Template>,
+    /// Logarithm of the lens's blur at which the template has the blur of this eye. Near it the
+    /// pattern is extrapolated.
+    log_blur: f64,
 }
 
-/// Patterns of all pixels at a pose and a blur.
-pub(crate) struct Evaluation {
-    rows: Vec<Row>,
+impl PatternedPatch<'_> {
+    /// The pattern at a place of the tag's plane, with derivatives per metre.
+    pub(crate) fn pattern(&self, tag: &Tag, at: [f64; 2], log_blur: f64) -> PatternSample {
+        let per_m = 1.0 / tag.cell_m();
+        let mut sample = self.template.at(at.map(|v| v * per_m));
+        sample.value += (log_blur - self.log_blur) * sample.by_log_blur;
+        sample.gradient = sample.gradient.map(|v| v * per_m);
+        sample
+    }
 }
 
-/// Unknowns of one patch: those that are shared, and its levels.
-const OWN: usize = SHARED + 2;
+/// Patterns before the tone curve, and gray levels, of the pixels of a patch.
+pub(crate) type Patterns = Vec<[f32; 2]>;
 
-impl Problem<'_> {
-    /// The blur in a patch.
-    pub(crate) fn blur(&self, patch: &Patch<'_>, pose: &RigidTransform, log: f64) -> Option<Blur> {
-        let lens_px = self.config.blur_px * libm::exp(log);
-        Blur::new(&patch.view, self.tag, pose, self.motion, lens_px)
+impl<'a> Problem<'a> {
+    /// Pixels of each eye near a pose, with patterns of its blur; `None` without pixels.
+    pub(crate) fn new(
+        patches: Vec<Patch<'a>>,
+        tag: &'a Tag,
+        motion: &'a Motion,
+        config: &'a Config,
+        at: (&RigidTransform, f64),
+    ) -> Option<Self> {
+        let none = Self {
+            patches: Vec::new(),
+            tag,
+            motion,
+            config,
+        };
+        none.with_patches(patches, at)
     }
 
-    /// Patterns at a pose and the logarithm of a blur; `None` without pixels, or if one of them
-    /// does not show the front of the tag: with fewer residuals a state would have a lower cost.
-    pub(crate) fn evaluate(&self, pose: &RigidTransform, log_blur: f64) -> Option<Evaluation> {
-        let count: usize = self.patches.iter().map(|patch| patch.pixels.len()).sum();
-        let mut rows = Vec::with_capacity(count);
-        for (k, patch) in self.patches.iter().enumerate() {
-            let blur = self.blur(patch, pose, log_blur)?;
-            patch.for_each(pose, self.motion, |pixel, row_pose| {
-                let Some(point) = row_pose.meet(&pixel.ray) else {
-                    return;
-                };
-                let blurred = blur.sample(self.tag, &point);
-                let [a, b] = by_motion(&point);
-                let mut by_shared = [0.0; 7];
-                for n in 0..BLUR {
-                    by_shared[n] = blurred.gradient[0] * a[n] + blurred.gradient[1] * b[n];
-                }
-                by_shared[BLUR] = blurred.by_log_blur;
-                rows.push(Row {
-                    patch: k,
-                    pattern: blurred.value,
-                    by_shared,
-                    level: pixel.level,
-                });
+    /// The problem with other pixels, with the patterns that still hold; `None` without pixels.
+    pub(crate) fn with_patches(
+        mut self,
+        patches: Vec<Patch<'a>>,
+        (pose, log_blur): (&RigidTransform, f64),
+    ) -> Option<Self> {
+        let lens_px = self.config.blur_px * libm::exp(log_blur);
+        let earlier = std::mem::take(&mut self.patches);
+        for patch in patches {
+            let blur = Blur::new(&patch.view, self.tag, pose, self.motion, lens_px)?;
+            let known = self.patches.iter().chain(&earlier);
+            let near = known
+                .filter_map(|own| Some((own, own.template.blur().log_growth_to(&blur)?)))
+                .next();
+            let (template, growth) = match near {
+                Some((own, growth)) => (Rc::clone(&own.template), growth),
+                None => (Rc::new(Template::new(self.tag, &blur)), 0.0),
+            };
+            self.patches.push(PatternedPatch {
+                patch,
+                blur,
+                template,
+                log_blur: log_blur - growth,
             });
         }
-        (!rows.is_empty() && rows.len() == count).then_some(Evaluation { rows })
+        (!self.patches.is_empty()).then_some(self)
     }
 
-    /// Lowest correlation of the eyes' gray levels with the pattern.
-    pub(crate) fn correlation(&self, evaluation: &Evaluation) -> f64 {
-        let of = |patch: usize| {
-            let own = evaluation.rows.iter().filter(|row| row.patch == patch);
-            let mut moments = Moments::default();
-            own.for_each(|row| moments.add(row.pattern, row.level));
-            moments.correlation()
+    /// Where the pixels of a patch meet the tag in a pose; fewer than all if one of them does not
+    /// show its front.
+    fn for_each(
+        &self,
+        own: &PatternedPatch<'_>,
+        pose: &RigidTransform,
+        mut each: impl FnMut(&Pixel, &PlanePoint),
+    ) {
+        own.patch.for_each(pose, self.motion, |pixel, row_pose| {
+            if let Some(point) = row_pose.meet(&pixel.ray) {
+                each(pixel, &point);
+            }
+        });
+    }
+
+    /// Patterns by patch at a pose and the logarithm of a blur; `None` if a pixel does not show the
+    /// front of the tag.
+    pub(crate) fn patterns(&self, pose: &RigidTransform, log_blur: f64) -> Option<Vec<Patterns>> {
+        let of_patch = |own: &PatternedPatch<'_>| {
+            let mut patterns = Vec::with_capacity(own.patch.pixels.len());
+            self.for_each(own, pose, |pixel, point| {
+                let pattern = own.pattern(self.tag, point.at, log_blur);
+                patterns.push([pattern.value as f32, pixel.level as f32]);
+            });
+            (patterns.len() == own.patch.pixels.len()).then_some(patterns)
         };
-        (0..self.patches.len()).map(of).fold(1.0, f64::min)
+        self.patches.iter().map(of_patch).collect()
     }
 
-    /// The state at a pose where patterns are known; `None` without patches or contrast.
-    pub(crate) fn start(&self, pose: &RigidTransform, evaluation: &Evaluation) -> Option<State> {
+    /// The state at a pose where patterns are known; `None` without contrast.
+    pub(crate) fn start(
+        &self,
+        pose: &RigidTransform,
+        log_blur: f64,
+        patterns: &[Patterns],
+    ) -> Option<State> {
         let tone = Tone::new(self.config.tone, 0.05);
-        let levels = |patch: usize| {
-            let own = evaluation.rows.iter().filter(|row| row.patch == patch);
+        let levels = |patterns: &Patterns| {
             let mut moments = Moments::default();
-            own.for_each(|row| moments.add(tone.at(row.pattern).0, row.level));
+            for [pattern, level] in patterns {
+                moments.add(f64::from(tone.at(*pattern).0), f64::from(*level));
+            }
             let (black, contrast) = moments.line()?;
             (contrast > self.config.min_contrast_levels).then_some(Levels {
                 black,
                 white: black + contrast,
             })
         };
-        let levels: Vec<Levels> = (0..self.patches.len()).map(levels).collect::<Option<_>>()?;
-        (!levels.is_empty()).then_some(State {
+        Some(State {
             pose: *pose,
-            log_blur: 0.0,
+            log_blur,
             tone: self.config.tone,
-            levels,
+            levels: patterns.iter().map(levels).collect::<Option<_>>()?,
         })
     }
 
-    fn tones(&self, state: &State, step: f64) -> Vec<Tone> {
-        let levels = state.levels.iter();
-        levels
-            .map(|levels| levels.tone(state.tone + step))
-            .collect()
+    /// Residuals of all pixels at a state, with derivatives; `None` if one of them does not show
+    /// the front of the tag: with fewer residuals a state would have a lower cost.
+    pub(crate) fn evaluate(&self, state: &State) -> Option<Evaluation> {
+        let of_patch = |(own, levels): (&PatternedPatch<'_>, &Levels)| {
+            let model = LevelModel::new(levels, state.tone);
+            let mut residuals = Residuals::default();
+            self.for_each(own, &state.pose, |pixel, point| {
+                let pattern = own.pattern(self.tag, point.at, state.log_blur);
+                let [a, b] = by_motion(point);
+                let [x, y] = pattern.gradient;
+                let mut by_shared = [0.0; 7];
+                for n in 0..BLUR {
+                    by_shared[n] = (x * a[n] + y * b[n]) as f32;
+                }
+                by_shared[BLUR] = pattern.by_log_blur as f32;
+                let (residual, by) =
+                    model.residual(pattern.value as f32, by_shared, pixel.level as f32);
+                residuals.push(residual, &by);
+            });
+            (residuals.count == own.patch.pixels.len()).then_some(residuals)
+        };
+        let patches = self.patches.iter().zip(&state.levels).map(of_patch);
+        Some(Evaluation {
+            patches: patches.collect::<Option<_>>()?,
+            priors: self.priors(state),
+        })
+    }
+
+    /// Unknowns with a prior: index, deviation from it, and sigma.
+    fn priors(&self, state: &State) -> [(usize, f64, f64); 2] {
+        let config = self.config;
+        [
+            (BLUR, state.log_blur, config.blur_sigma),
+            (TONE, state.tone - config.tone, config.tone_sigma),
+        ]
     }
 
     /// Noise of a pixel, levels: the spread of the residuals, and no less than the configured one.
-    pub(crate) fn noise(&self, state: &State, evaluation: &Evaluation) -> f64 {
-        let tones = self.tones(state, 0.0);
-        let residual = |row: &Row| {
-            let levels = &state.levels[row.patch];
-            let share = tones[row.patch].at(row.pattern).0;
-            (levels.black + levels.contrast() * share - row.level).abs()
-        };
-        let mut sizes: Vec<f64> = evaluation.rows.iter().map(residual).collect();
+    pub(crate) fn noise(&self, evaluation: &Evaluation) -> f64 {
+        let residuals = evaluation.patches.iter().flat_map(Residuals::values);
+        let mut sizes: Vec<f32> = residuals.map(f32::abs).collect();
         let middle = sizes.len() / 2;
-        let (_, median, _) = sizes.select_nth_unstable_by(middle, f64::total_cmp);
-        (SIGMA_BY_MEDIAN * *median).max(self.config.noise_levels)
+        let (_, median, _) = sizes.select_nth_unstable_by(middle, f32::total_cmp);
+        (SIGMA_BY_MEDIAN * f64::from(*median)).max(self.config.noise_levels)
     }
 
-    /// Normal equations at a state and its patterns, for pixels with this noise.
+    /// Robust cost for pixels with this noise.
+    pub(crate) fn cost(&self, evaluation: &Evaluation, noise: f64) -> f64 {
+        let limit = self.config.robust_ratio;
+        let by_limit = (1.0 / (noise * limit)) as f32;
+        let of_batch = |batch: &Batch| {
+            let excess = batch
+                .residuals
+                .map(|residual| robust_excess(residual * by_limit));
+            // The sum of the logarithms; gray levels keep the product finite.
+            libm::log(excess.into_iter().map(f64::from).product())
+        };
+        let batches = evaluation.patches.iter().flat_map(|patch| &patch.batches);
+        let of_pixels: f64 = batches.map(of_batch).sum();
+        let priors = evaluation.priors.iter();
+        let of_priors: f64 = priors
+            .map(|(_, deviation, sigma)| (deviation / sigma).powi(2))
+            .sum();
+        limit * limit * of_pixels + of_priors
+    }
+
+    /// Normal equations at a state, for pixels with this noise.
     pub(crate) fn linearize(
         &self,
         state: &State,
         evaluation: &Evaluation,
         noise: f64,
-    ) -> Option<Linearization> {
-        let config = self.config;
+    ) -> Linearization {
         let count = SHARED + 2 * self.patches.len();
         let mut hessian = DMatrix::zeros(count, count);
         let mut gradient = DVector::zeros(count);
-        let (mut cost, mut weights, mut squares) = (0.0, 0.0, 0.0);
-        let (tones, wider) = (self.tones(state, 0.0), self.tones(state, TONE_STEP));
-        let limit = config.robust_ratio;
-        for patch in 0..self.patches.len() {
-            let levels = &state.levels[patch];
-            let (tone, wider) = (&tones[patch], &wider[patch]);
-            let contrast = levels.contrast();
-            let mut own_hessian = [[0.0; OWN]; OWN];
-            let mut own_gradient = [0.0; OWN];
-            for row in evaluation.rows.iter().filter(|row| row.patch == patch) {
-                let (share, slope) = tone.at(row.pattern);
-                let residual = levels.black + contrast * share - row.level;
-                let scaled = residual / (noise * limit);
-                let weight = 1.0 / (1.0 + scaled * scaled);
-                cost += limit * limit * libm::log1p(scaled * scaled);
-                weights += weight;
-                squares += weight * residual * residual;
-                let mut by = [0.0; OWN];
-                for (to, by) in by.iter_mut().zip(&row.by_shared) {
-                    *to = contrast * slope * by;
-                }
-                by[TONE] = contrast * (wider.at(row.pattern).0 - share) / TONE_STEP;
-                by[SHARED] = 1.0 - share;
-                by[SHARED + 1] = share;
-                let factor = weight / (noise * noise);
-                for i in 0..OWN {
-                    let weighted = factor * by[i];
-                    own_gradient[i] += weighted * residual;
-                    for j in i..OWN {
-                        own_hessian[i][j] += weighted * by[j];
-                    }
-                }
-            }
+        let (mut weights, mut squares) = (0.0, 0.0);
+        for (patch, residuals) in evaluation.patches.iter().enumerate() {
+            let sums = Sums::new(residuals, noise, self.config.robust_ratio);
+            weights += sums.weights;
+            squares += sums.squares;
             let place = |n: usize| if n < SHARED { n } else { n + 2 * patch };
             for i in 0..OWN {
-                gradient[place(i)] += own_gradient[i];
+                gradient[place(i)] += sums.gradient[i];
                 for j in i..OWN {
-                    hessian[(place(i), place(j))] += own_hessian[i][j];
+                    hessian[(place(i), place(j))] += sums.hessian[i][j];
                 }
             }
         }
-        let priors = [
-            (BLUR, state.log_blur, config.blur_sigma),
-            (TONE, state.tone - config.tone, config.tone_sigma),
-        ];
-        for (k, difference, sigma) in priors {
-            cost += (difference / sigma).powi(2);
-            gradient[k] += difference / (sigma * sigma);
+        for (k, deviation, sigma) in evaluation.priors {
+            gradient[k] += deviation / (sigma * sigma);
             hessian[(k, k)] += 1.0 / (sigma * sigma);
         }
         hessian.fill_lower_triangle_with_upper_triangle();
-        let blurs = self.patches.iter().map(|patch| {
-            let [x, y] = self
-                .blur(patch, &state.pose, state.log_blur)?
-                .reach_cells(1.0);
-            Some((x * y).sqrt() * self.tag.cell_m())
+        let blurs = self.patches.iter().map(|own| {
+            let growth = libm::exp(state.log_blur - own.log_blur);
+            let [x, y] = own.template.blur().reach_cells(growth);
+            (x * y).sqrt() * self.tag.cell_m()
         });
-        let blurs: Vec<f64> = blurs.collect::<Option<_>>()?;
-        Some(Linearization {
+        Linearization {
             hessian,
             gradient,
-            cost,
             rms_levels: (squares / weights.max(1.0)).sqrt(),
-            blur_m: blurs.into_iter().fold(f64::INFINITY, f64::min),
-        })
+            blur_m: blurs.fold(f64::INFINITY, f64::min),
+        }
     }
 }

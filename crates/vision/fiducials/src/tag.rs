@@ -7,7 +7,7 @@ const MARGIN: usize = 1;
 /// Cells of the black border on each side.
 const BORDER: usize = 1;
 /// Maximum number of cells along a side, with margins.
-pub(crate) const MAX_CELLS: usize = 10;
+const MAX_CELLS: usize = 10;
 
 /// A marker: black border one cell wide around its bits, and a white margin of the same width.
 ///
@@ -21,7 +21,7 @@ pub struct Tag {
     pub size_m: f64,
     cells: usize,
     /// By row and column, with margins: 1 for white and 0 for black.
-    whites: [[f64; MAX_CELLS]; MAX_CELLS],
+    whites: [[f32; MAX_CELLS]; MAX_CELLS],
 }
 
 impl Tag {
@@ -55,7 +55,7 @@ impl Tag {
                         .iter()
                         .any(|&i| i < MARGIN || i >= cells - MARGIN),
                 };
-                *white = f64::from(u8::from(is_white));
+                *white = f32::from(u8::from(is_white));
             }
         }
         Some(Self {
@@ -92,7 +92,7 @@ impl Tag {
     }
 
     /// A row of cells, with margins: 1 for white and 0 for black.
-    pub(crate) fn whites(&self, row: usize) -> &[f64; MAX_CELLS] {
+    pub(crate) fn whites(&self, row: usize) -> &[f32; MAX_CELLS] {
         &self.whites[row]
     }
 

@@ -46,6 +46,57 @@ pub(crate) struct RowPose {
     eye_in_tag: Vector3<f64>,
 }
 
+/// The poses of a tag in the rows of an eye, over rows in which it hardly turns.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct RowPoses {
+    first: RowPose,
+    first_row: f64,
+    /// Change per row.
+    tag_from_eye: Matrix3<f64>,
+    eye_in_tag: Vector3<f64>,
+}
+
+impl RowPoses {
+    /// From the poses in two rows: between them matrices are interpolated, which is wrong by the
+    /// square of the rotation from one to the other, less than 1e-4.
+    pub(crate) fn new(
+        view: &View<'_>,
+        reference_from_tag: &RigidTransform,
+        motion: &Motion,
+        [first_row, last_row]: [usize; 2],
+    ) -> Self {
+        let at = |row| RowPose::new(view, reference_from_tag, motion, view.row_s(row));
+        let first = at(first_row);
+        let is_still = *motion == Motion::default() || view.line_s == 0.0;
+        let (tag_from_eye, eye_in_tag) = match is_still || first_row == last_row {
+            true => (Matrix3::zeros(), Vector3::zeros()),
+            false => {
+                let last = at(last_row);
+                let share = 1.0 / (last_row as f64 - first_row as f64);
+                (
+                    (last.tag_from_eye - first.tag_from_eye) * share,
+                    (last.eye_in_tag - first.eye_in_tag) * share,
+                )
+            }
+        };
+        Self {
+            first,
+            first_row: first_row as f64,
+            tag_from_eye,
+            eye_in_tag,
+        }
+    }
+
+    /// The pose in a row.
+    pub(crate) fn at(&self, row: usize) -> RowPose {
+        let rows = row as f64 - self.first_row;
+        RowPose {
+            tag_from_eye: self.first.tag_from_eye + self.tag_from_eye * rows,
+            eye_in_tag: self.first.eye_in_tag + self.eye_in_tag * rows,
+        }
+    }
+}
+
 /// Where a ray meets the plane of a tag.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct PlanePoint {
