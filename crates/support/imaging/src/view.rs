@@ -78,6 +78,31 @@ impl<'a> ImageView<'a> {
         })
     }
 
+    /// A part of the image; `None` if it is empty or reaches beyond it.
+    ///
+    /// ```
+    /// use imaging::ImageView;
+    ///
+    /// let image = ImageView::packed(3, 2, &[10, 20, 30, 40, 50, 60])?;
+    /// let part = image.part([1, 0], [2, 2]).unwrap();
+    /// assert_eq!((part.row(0), part.row(1)), (&[20, 30][..], &[50, 60][..]));
+    /// assert!(image.part([1, 0], [3, 1]).is_none());
+    /// # Ok::<(), imaging::ImageSizeError>(())
+    /// ```
+    pub fn part(&self, [left, top]: [usize; 2], [width, height]: [usize; 2]) -> Option<Self> {
+        let fits =
+            left.checked_add(width)? <= self.width && top.checked_add(height)? <= self.height;
+        if !fits || width == 0 || height == 0 {
+            return None;
+        }
+        Self::new(
+            width,
+            height,
+            self.stride,
+            &self.pixels[top * self.stride + left..],
+        )
+    }
+
     /// Number of columns.
     pub fn width(&self) -> usize {
         self.width

@@ -1,0 +1,125 @@
+//! Configuration of the tracking of shoe tags, and of contacts and swings.
+
+use estimator_config::config;
+
+config! {
+    /// Configuration of [`TagTracker`](crate::tag_tracker::TagTracker).
+    pub struct Config {
+        /// Motion of feet between frames.
+        pub prediction: PredictionConfig = PredictionConfig::default(),
+        /// Search for tags that are not where they are predicted.
+        pub search: SearchConfig = SearchConfig::default(),
+        /// Fit of a tag.
+        pub fit: fiducials::Config = fiducials::Config::default(),
+        /// Maximum speed of a foot, m/s. Faster ones are mismatches.
+        pub max_speed: f64 = 8.0,
+        /// Maximum distance of a foot from the rig, m.
+        pub max_distance_m: f64 = 2.2,
+    }
+
+    /// Motion of feet between frames.
+    pub struct PredictionConfig {
+        /// Time for which a foot is taken to go on with its last velocity, s.
+        pub max_extrapolation_s: f64 = 0.1,
+        /// Speed below which a foot is taken to stand, m/s.
+        pub standing_speed: f64 = 0.25,
+        /// Maximum time between detections of which a velocity is formed, s.
+        pub max_velocity_interval_s: f64 = 0.15,
+    }
+
+    /// Search for tags without a prediction of their pose.
+    pub struct SearchConfig {
+        /// Detection of tags of any identity.
+        pub detection: fiducials::SearchConfig = fiducials::SearchConfig::default(),
+        /// Time without a detection of a foot after which whole images are searched, s: after a
+        /// swing it is somewhere else.
+        pub lost_s: f64 = 0.15,
+        /// Distance around a predicted tag in which it is searched if it is not there, m.
+        pub near_m: f64 = 0.3,
+    }
+
+    /// Feet from their tags.
+    pub struct FootConfig {
+        /// Edges of a sole of which no outline is known, from its middle, m.
+        pub heel_m: f64 = 0.14,
+        /// See `heel_m`.
+        pub toe_m: f64 = 0.14,
+        /// Standard deviation of the tilt of a sole, for the choice between the two poses of a tag
+        /// that images hardly tell apart, rad.
+        pub level_sigma_rad: f64 = 0.2,
+        /// Excess of the cost of a second pose that is as improbable as one standard deviation of
+        /// that tilt: neighboring pixels share their errors.
+        pub excess_per_square: f64 = 10.0,
+    }
+
+    /// Configuration of contacts and swings.
+    pub struct GaitConfig {
+        /// Feet at rest.
+        pub stance: StanceConfig = StanceConfig::default(),
+        /// Times of contacts.
+        pub events: EventConfig = EventConfig::default(),
+        /// Feet between contacts.
+        pub swing: SwingConfig = SwingConfig::default(),
+    }
+
+    /// Feet between contacts. Axes are those of the step for the position (forward, left, up) and
+    /// those of the foot for the rotation.
+    pub struct SwingConfig {
+        /// Standard deviation of the acceleration relative to the usual motion, m/s² and rad/s².
+        pub acceleration: [f64; 6] = [12.0, 4.0, 8.0, 30.0, 80.0, 30.0],
+        /// Time over which it is correlated, s.
+        pub correlation_s: f64 = 0.06,
+        /// Root mean square jerk of the usual motion, by which errors of its times change the
+        /// acceleration, m/s³ and rad/s³.
+        pub jerk: [f64; 6] = [300.0, 20.0, 150.0, 100.0, 1000.0, 100.0],
+        /// Maximum time from a contact to the next one of the same foot that is one step, s.
+        pub max_swing_s: f64 = 1.5,
+        /// Time to the next frame of the foot up to which its pose is observed, s.
+        pub observed_s: f64 = 0.05,
+    }
+
+    /// Feet at rest.
+    pub struct StanceConfig {
+        /// Speed below which a foot may be at rest between two frames, besides three sigmas of
+        /// their poses, m/s.
+        pub max_speed: f64 = 0.15,
+        /// Angular rate, likewise, rad/s. Feet roll over heel and toe at 2 to 5 rad/s.
+        pub max_rate: f64 = 0.6,
+        /// Maximum time between frames of a foot at rest, s.
+        pub max_gap_s: f64 = 0.35,
+        /// Maximum time without a frame between two poses that are one stance if they agree, s.
+        pub max_hidden_s: f64 = 0.5,
+        /// Time in which no foot lifts, swings and comes down, s.
+        pub min_swing_s: f64 = 0.2,
+        /// Minimum number of frames of a foot at rest.
+        pub min_frames: usize = 2,
+        /// Distance and rotation from the mean pose of a foot at rest from which on frames do not
+        /// belong to it, besides three sigmas, m and rad.
+        pub max_deviation_m: f64 = 0.01,
+        /// See `max_deviation_m`.
+        pub max_deviation_rad: f64 = 0.05,
+        /// Displacement and rotation within a stance from which on it is two: a slide, or weight
+        /// that is shifted, m and rad.
+        pub max_drift_m: f64 = 0.02,
+        /// See `max_drift_m`.
+        pub max_drift_rad: f64 = 0.09,
+        /// Standard deviation of errors that all frames of a stance share: in the plane of the
+        /// sole and along its normal, m; tilt and heading, rad.
+        pub shared_sigma: [f64; 4] = [0.002, 0.003, 0.015, 0.005],
+    }
+
+    /// Times of contacts.
+    pub struct EventConfig {
+        /// Speed of the heel at its strike and its deceleration before, with their sigmas, m/s and
+        /// m/s².
+        pub strike_speed: [f64; 2] = [0.4, 0.3],
+        /// See `strike_speed`.
+        pub strike_deceleration: [f64; 2] = [18.0, 9.0],
+        /// Time from heel strike to foot flat and its sigma, s.
+        pub loading_s: [f64; 2] = [0.07, 0.025],
+        /// Time before the strike in which the approach of a foot is used, s.
+        pub max_approach_s: f64 = 0.2,
+        /// Maximum speed of an approach, m/s.
+        pub max_speed: f64 = 6.0,
+    }
+}

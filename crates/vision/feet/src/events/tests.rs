@@ -1,0 +1,159 @@
+use cad_transforms::{Covariance, RigidTransform};
+
+use super::*;
+use crate::GaitConfig;
+use crate::stance::stances;
+
+const HEEL_M: f64 = 0.14;
+const STRIDE_S: f64 = 1.1;
+const BEARING_S: f64 = 0.66;
+
+/// A foot that strikes at a phase of each stride: its heel comes down along a parabola in time, the
+/// foot rolls to the ground in 70 ms, and is hidden from when it lifts until late in its swing.
+fn foot(strike_s: f64, rate_hz: f64, noise_m: f64, seed: u64) -> Vec<FootObservation> {
+    let mut state = seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) | 1;
+    let mut draw = move || {
+        let mut sum = -6.0;
+        for _ in 0..12 {
+            state ^= state << 13;
+            state ^= state >> 7;
+            state ^= state << 17;
+            sum += (state >> 11) as f64 / (1_u64 << 53) as f64;
+        }
+        sum
+    };
+    let covariance = Covariance::from_sigmas([noise_m; 3], [0.015; 3]).unwrap();
+    let frames = (0..(12.0 * rate_hz) as i64).filter_map(|n| {
+        let t = n as f64 / rate_hz;
+        let since = (t - strike_s).rem_euclid(STRIDE_S);
+        let stride = ((t - strike_s) / STRIDE_S).floor();
+        let (before, pitch) = match since {
+            // Rolls from 20 degrees to flat.
+            0.0..0.07 => (0.0, -0.35 * (1.0 - since / 0.07)),
+            0.07..0.42 => (0.0, 0.0),
+            _ if since < STRIDE_S - 0.18 => return None,
+            _ => {
+                let left = STRIDE_S - since;
+                (0.5 * left + 0.5 * 15.0 * left * left, -0.35)
+            }
+        };
+        let step = if since > 0.42 { stride + 1.0 } else { stride };
+        let heel = [1.4 * step - before, 0.1, 0.3 * before];
+        let turn = RigidTransform::from_rotation_vector([0.0, pitch, 0.0], [0.0; 3]).unwrap();
+        let middle = turn.apply([HEEL_M, 0.0, 0.0]);
+        let at = std::array::from_fn(|k| heel[k] + middle[k] + noise_m * draw());
+        let noisy = [0.0, pitch, 0.0].map(|angle| angle + 0.015 * draw());
+        Some(FootObservation {
+            time_ns: (t * 1e9).round() as i64,
+            world_from_foot: RigidTransform::from_rotation_vector(noisy, at).unwrap(),
+            covariance,
+        })
+    });
+    frames.collect()
+}
+
+/// Errors of events, s, and in their sigmas: heel strikes and toe offs.
+fn errors(rate_hz: f64, noise_m: f64) -> [Vec<[f64; 2]>; 2] {
+    let config = GaitConfig::default();
+    let mut errors = [Vec::new(), Vec::new()];
+    for seed in 0..12 {
+        let phase = 0.1 + 0.013 * seed as f64;
+        let begins = [phase, phase + 0.5 * STRIDE_S];
+        let seen = begins.map(|begin| foot(begin, rate_hz, noise_m, 7 + seed));
+        let found = [0, 1].map(|k: usize| stances(&seen[k], &config.stance));
+        let feet = [0, 1].map(|k: usize| SeenFoot {
+            observations: &seen[k],
+            stances: &found[k],
+            heel_m: HEEL_M,
+        });
+        let contacts = contacts(feet, &config.events);
+        for (side, contacts) in contacts.iter().enumerate() {
+            // Of the first and the last one not everything is seen.
+            for contact in &contacts[1..contacts.len() - 2] {
+                let since = contact.heel_strike.time_s - begins[side];
+                let stride = (since / STRIDE_S).round();
+                let strike_s = begins[side] + stride * STRIDE_S;
+                let events = [
+                    (contact.heel_strike, strike_s),
+                    (contact.toe_off, strike_s + BEARING_S),
+                ];
+                for (errors, (event, truth)) in errors.iter_mut().zip(events) {
+                    let error = event.time_s - truth;
+                    errors.push([error, error / event.sigma_s]);
+                }
+                assert!(
+                    contact.heel_strike.is_seen && !contact.toe_off.is_seen,
+                    "{:?} of {}: {contact:?} {:?}",
+                    strike_s,
+                    contacts.len(),
+                    found[side]
+                        .iter()
+                        .map(|s| (s.times_ns, s.observations.clone()))
+                        .collect::<Vec<_>>()
+                );
+                let order = [
+                    contact.heel_strike,
+                    contact.foot_flat,
+                    contact.heel_off,
+                    contact.toe_off,
+                ];
+                assert!(order.is_sorted_by_key(|event| event.time_s), "{contact:?}");
+            }
+        }
+    }
+    errors
+}
+
+fn p95(errors: &[[f64; 2]]) -> f64 {
+    let mut sizes: Vec<f64> = errors.iter().map(|error| error[0].abs()).collect();
+    sizes.sort_by(f64::total_cmp);
+    sizes[sizes.len() * 95 / 100]
+}
+
+#[test]
+fn heel_strikes_are_found_between_frames() {
+    for (rate_hz, noise_m, limit_s) in [(15.0, 0.005, 0.025), (30.0, 0.005, 0.02)] {
+        let [strikes, _] = errors(rate_hz, noise_m);
+        assert!(strikes.len() > 150, "{}", strikes.len());
+        let found = p95(&strikes);
+        assert!(found < limit_s, "{rate_hz} Hz: {found}");
+        let outside = strikes.iter().filter(|error| error[1].abs() > 3.0).count();
+        assert!(
+            outside * 50 < strikes.len(),
+            "{outside} of {}",
+            strikes.len()
+        );
+    }
+}
+
+#[test]
+fn toes_leave_the_ground_after_the_strike_of_the_other_foot() {
+    let [_, toe_offs] = errors(30.0, 0.005);
+    let found = p95(&toe_offs);
+    assert!(found < 0.06, "{found}");
+    let outside = toe_offs.iter().filter(|error| error[1].abs() > 3.0).count();
+    assert!(outside * 50 < toe_offs.len(), "{outside}");
+}
+
+#[test]
+fn a_single_stance_has_all_events_in_order() {
+    let seen = foot(0.1, 15.0, 0.005, 3);
+    let config = GaitConfig::default();
+    let found = stances(&seen[..8], &config.stance);
+    assert_eq!(found.len(), 1);
+    let foot = SeenFoot {
+        observations: &seen[..8],
+        stances: &found,
+        heel_m: HEEL_M,
+    };
+    let none = SeenFoot {
+        observations: &[],
+        stances: &[],
+        heel_m: HEEL_M,
+    };
+    let [contacts, others] = contacts([foot, none], &config.events);
+    assert!(others.is_empty());
+    let contact = &contacts[0];
+    assert!(contact.heel_off.time_s < contact.toe_off.time_s);
+    assert!(contact.toe_off.sigma_s > 0.05);
+}

@@ -1,0 +1,25 @@
+//! Feet of a person who wears the rig.
+//!
+//! [`tag_tracker`] finds the tags on the shoes in the frames of stereo cameras, where the poses of
+//! the rig are known. From the poses of a foot in these frames, [`stance`] finds where it is at
+//! rest.
+//!
+//! Frames: the world has z up; the frame of a foot has its origin in the middle of the sole, x to
+//! the toe, y to the left, z up from the sole. Nothing here knows sessions, files or images other
+//! than gray ones.
+
+pub mod bridge;
+mod config;
+pub mod events;
+pub mod observation;
+mod prediction;
+pub mod shoe;
+pub mod stance;
+pub mod swing;
+pub mod tag_tracker;
+pub mod track;
+
+pub use config::{
+    Config, EventConfig, FootConfig, GaitConfig, PredictionConfig, SearchConfig, StanceConfig,
+    SwingConfig,
+};

@@ -1,0 +1,296 @@
+//! Where a foot is at rest: its stances, from its poses in frames.
+//!
+//! Contract: observations come in order of time. A stance is a run of frames in which the foot
+//! hardly moves or turns, with one pose, to which frames that contradict it do not contribute. A
+//! foot that slides or turns on the spot has two stances. Frames in which it rolls over heel or toe
+//! belong to none.
+
+use std::ops::Range;
+
+use cad_transforms::{Covariance, RigidTransform};
+use nalgebra::{Matrix6, Vector6};
+
+use crate::config::StanceConfig;
+
+/// A foot in the world at the time of a frame.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FootObservation {
+    /// Time of the frame, ns.
+    pub time_ns: i64,
+    /// Takes points of the foot to the world, m.
+    pub world_from_foot: RigidTransform,
+    /// Covariance of a small motion of the foot in its own axes, without errors that neighboring
+    /// frames share.
+    pub covariance: Covariance,
+}
+
+/// A foot at rest.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Stance {
+    /// Its observations, some of which may contradict it.
+    pub observations: Range<usize>,
+    /// Times of the first and the last one, ns.
+    pub times_ns: [i64; 2],
+    /// Takes points of the foot to the world, m.
+    pub world_from_foot: RigidTransform,
+    /// Covariance of a small motion of the foot in its own axes.
+    pub covariance: Covariance,
+}
+
+impl Stance {
+    /// From the first observation to the last, s.
+    fn duration_s(&self) -> f64 {
+        1e-9 * (self.times_ns[1] - self.times_ns[0]) as f64
+    }
+
+    fn seconds_until(&self, next: &Self) -> f64 {
+        1e-9 * (next.times_ns[0] - self.times_ns[1]) as f64
+    }
+}
+
+/// All stances of a foot, in order of time.
+///
+/// ```
+/// use cad_transforms::{Covariance, RigidTransform};
+/// use feet::GaitConfig;
+/// use feet::stance::{FootObservation, stances};
+///
+/// // At rest for half a second, then moving at 2 m/s.
+/// let covariance = Covariance::from_sigmas([2e-3; 3], [0.01; 3])?;
+/// let observations = (0..16).map(|n| {
+///     let x = 2.0 / 15.0 * f64::from((n - 8_i32).max(0));
+///     Ok(FootObservation {
+///         time_ns: i64::from(n) * 66_666_667,
+///         world_from_foot: RigidTransform::from_translation_m([x, 0.0, 0.0])?,
+///         covariance,
+///     })
+/// });
+/// let observations = observations.collect::<Result<Vec<_>, Box<dyn std::error::Error>>>()?;
+/// let found = stances(&observations, &GaitConfig::default().stance);
+/// assert_eq!(found.len(), 1);
+/// assert_eq!(found[0].observations, 0..9);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+pub fn stances(observations: &[FootObservation], config: &StanceConfig) -> Vec<Stance> {
+    let mut found: Vec<Stance> = Vec::new();
+    for run in runs_at_rest(observations, config) {
+        for part in without_drift(observations, run, config) {
+            let Some(stance) = stance(observations, part, config) else {
+                continue;
+            };
+            match found.last_mut() {
+                Some(last) if is_continued(last, &stance, config) => {
+                    let whole = last.observations.start..stance.observations.end;
+                    match self::stance(observations, whole, config) {
+                        Some(joint) => *last = joint,
+                        None => found.push(stance),
+                    }
+                }
+                // No foot takes a step in between: in the shorter one it comes down or lifts.
+                Some(last) if is_part_of_one_contact(last, &stance, config) => {
+                    if stance.duration_s() > last.duration_s() {
+                        *last = stance;
+                    }
+                }
+                _ => found.push(stance),
+            }
+        }
+    }
+    found
+}
+
+/// Runs of observations between which a foot hardly moves.
+fn runs_at_rest(observations: &[FootObservation], config: &StanceConfig) -> Vec<Range<usize>> {
+    let mut runs = Vec::new();
+    let mut begin = 0;
+    for k in 1..=observations.len() {
+        let goes_on = observations
+            .get(k)
+            .is_some_and(|next| is_at_rest(&observations[k - 1], next, config));
+        if !goes_on {
+            if k - begin >= config.min_frames {
+                runs.push(begin..k);
+            }
+            begin = k;
+        }
+    }
+    runs
+}
+
+fn is_at_rest(a: &FootObservation, b: &FootObservation, config: &StanceConfig) -> bool {
+    let seconds = 1e-9 * (b.time_ns - a.time_ns) as f64;
+    let [distance, angle] = sizes(&motion(&a.world_from_foot, &b.world_from_foot));
+    let [sigma_m, sigma_rad] = sigmas(&(a.covariance.matrix() + b.covariance.matrix()));
+    let distance_limit = config.max_speed * seconds + 3.0 * sigma_m.min(0.01);
+    let angle_limit = config.max_rate * seconds + 3.0 * sigma_rad.min(0.03);
+    seconds <= config.max_gap_s && distance < distance_limit && angle < angle_limit
+}
+
+/// The parts of a run between which the foot does not slide or turn.
+fn without_drift(
+    observations: &[FootObservation],
+    run: Range<usize>,
+    config: &StanceConfig,
+) -> Vec<Range<usize>> {
+    let mut parts = Vec::new();
+    let mut rest = vec![run];
+    while let Some(run) = rest.pop() {
+        match largest_step(&observations[run.clone()], config) {
+            Some(at) => {
+                rest.push(run.start + at..run.end);
+                rest.push(run.start..run.start + at);
+            }
+            None => parts.push(run),
+        }
+    }
+    parts.retain(|part| part.len() >= config.min_frames);
+    parts
+}
+
+/// Where the poses before and after differ most, if they differ more than those of a foot at rest
+/// do.
+fn largest_step(run: &[FootObservation], config: &StanceConfig) -> Option<usize> {
+    let reference = run.first()?.world_from_foot;
+    let zero = (Vector6::zeros(), [0.0; 2]);
+    let sums = run.iter().scan(zero, |(sum, squares), own| {
+        *sum += motion(&reference, &own.world_from_foot);
+        let sigmas = sigmas(own.covariance.matrix());
+        *squares = [0, 1].map(|k| squares[k] + sigmas[k] * sigmas[k]);
+        Some((*sum, *squares))
+    });
+    let sums: Vec<(Vector6<f64>, [f64; 2])> = sums.collect();
+    let (all, all_squares) = sums.last()?;
+    let candidates = config.min_frames..(run.len() + 1).saturating_sub(config.min_frames);
+    let mut largest = (1.0, None);
+    for at in candidates {
+        let (sum, squares) = &sums[at - 1];
+        let [before, after] = [at as f64, (run.len() - at) as f64];
+        let [distance, angle] = sizes(&((all - sum) / after - sum / before));
+        let [sigma_m, sigma_rad] = [0, 1].map(|k| {
+            let of_after = (all_squares[k] - squares[k]) / (after * after);
+            (squares[k] / (before * before) + of_after).sqrt()
+        });
+        let drift = (distance / (config.max_drift_m + 3.0 * sigma_m))
+            .max(angle / (config.max_drift_rad + 3.0 * sigma_rad));
+        if drift > largest.0 {
+            largest = (drift, Some(at));
+        }
+    }
+    largest.1
+}
+
+/// The stance of a run, trimmed to the frames that belong to it; `None` if these are too few.
+fn stance(
+    observations: &[FootObservation],
+    mut run: Range<usize>,
+    config: &StanceConfig,
+) -> Option<Stance> {
+    let mut pose = mean(&observations[run.clone()], config);
+    loop {
+        let belongs = |k: usize| {
+            let own = &observations[k];
+            let [distance, angle] = sizes(&motion(&pose.0, &own.world_from_foot));
+            let [sigma_m, sigma_rad] = sigmas(own.covariance.matrix());
+            distance < config.max_deviation_m + 3.0 * sigma_m
+                && angle < config.max_deviation_rad + 3.0 * sigma_rad
+        };
+        let first = run.clone().find(|k| belongs(*k))?;
+        let last = run.clone().rfind(|k| belongs(*k))?;
+        let trimmed = first..last + 1;
+        if trimmed.len() < config.min_frames {
+            return None;
+        }
+        if trimmed == run {
+            break;
+        }
+        run = trimmed;
+        pose = mean(&observations[run.clone()], config);
+    }
+    let [plane, normal, tilt, heading] = config.shared_sigma;
+    let shared = [plane, plane, normal, tilt, tilt, heading].map(|sigma| sigma * sigma);
+    let covariance = pose.1 + Matrix6::from_diagonal(&Vector6::from(shared));
+    let rows = std::array::from_fn(|i| std::array::from_fn(|j| covariance[(i, j)]));
+    Some(Stance {
+        times_ns: [run.start, run.end - 1].map(|k| observations[k].time_ns),
+        observations: run,
+        world_from_foot: pose.0,
+        covariance: Covariance::from_rows(rows).ok()?,
+    })
+}
+
+/// Whether a foot that was hidden has not moved in between.
+fn is_continued(a: &Stance, b: &Stance, config: &StanceConfig) -> bool {
+    let [distance, angle] = sizes(&motion(&a.world_from_foot, &b.world_from_foot));
+    let [sigma_m, sigma_rad] = sigmas(&(a.covariance.matrix() + b.covariance.matrix()));
+    a.seconds_until(b) < config.max_hidden_s
+        && distance < config.max_deviation_m + 2.0 * sigma_m
+        && angle < config.max_deviation_rad + 2.0 * sigma_rad
+}
+
+/// Whether one of two stances is too short, and too near to the other one, to be one of its own.
+fn is_part_of_one_contact(a: &Stance, b: &Stance, config: &StanceConfig) -> bool {
+    let shorter_s = a.duration_s().min(b.duration_s());
+    a.seconds_until(b) < config.min_swing_s && shorter_s < config.min_swing_s
+}
+
+/// Mean pose, and covariance of it by independent errors of the frames. Frames far from it count
+/// less.
+fn mean(run: &[FootObservation], config: &StanceConfig) -> (RigidTransform, Matrix6<f64>) {
+    const ROUNDS: usize = 4;
+    let mut pose = run[run.len() / 2].world_from_foot;
+    let mut information = Matrix6::zeros();
+    for _ in 0..ROUNDS {
+        let (mut sum, mut gradient) = (Matrix6::zeros(), Vector6::zeros());
+        for own in run {
+            let motion = motion(&pose, &own.world_from_foot);
+            let [distance, angle] = sizes(&motion);
+            let far = (distance / config.max_deviation_m).max(angle / config.max_deviation_rad);
+            let weight = 1.0 / (1.0 + far * far);
+            let Some(inverse) = own.covariance.matrix().try_inverse() else {
+                continue;
+            };
+            sum += inverse * weight;
+            gradient += inverse * motion * weight;
+        }
+        let Some(inverse) = sum.try_inverse() else {
+            break;
+        };
+        information = sum;
+        let [x, y, z, a, b, c]: [f64; 6] = (inverse * gradient).into();
+        let Ok(step) = RigidTransform::from_rotation_vector([a, b, c], [x, y, z]) else {
+            break;
+        };
+        pose = pose * step;
+    }
+    (
+        pose,
+        information.try_inverse().unwrap_or_else(Matrix6::identity),
+    )
+}
+
+/// Motion from a pose to another in the axes of the first: translation, rotation.
+pub(crate) fn motion(from: &RigidTransform, to: &RigidTransform) -> Vector6<f64> {
+    let motion = from.inverse() * *to;
+    let ([x, y, z], [a, b, c]) = (motion.translation_m(), motion.rotation_vector());
+    Vector6::new(x, y, z, a, b, c)
+}
+
+/// Distance, m, and angle, rad, of a motion.
+fn sizes(motion: &Vector6<f64>) -> [f64; 2] {
+    [
+        motion.fixed_rows::<3>(0).norm(),
+        motion.fixed_rows::<3>(3).norm(),
+    ]
+}
+
+/// Largest standard deviations of translation, m, and rotation, rad, along an axis.
+fn sigmas(covariance: &Matrix6<f64>) -> [f64; 2] {
+    let largest = |from: usize| {
+        let variances = (from..from + 3).map(|k| covariance[(k, k)]);
+        variances.fold(0.0, f64::max).sqrt()
+    };
+    [largest(0), largest(3)]
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,139 @@
+use super::*;
+use crate::GaitConfig;
+
+/// Uniform numbers from 0 to 1, and sums of them that are nearly normal.
+struct Draw(u64);
+
+impl Draw {
+    fn next(&mut self) -> f64 {
+        self.0 = self
+            .0
+            .wrapping_mul(6_364_136_223_846_793_005)
+            .wrapping_add(1_442_695_040_888_963_407);
+        (self.0 >> 11) as f64 / (1_u64 << 53) as f64
+    }
+
+    fn bell(&mut self) -> f64 {
+        (0..12).map(|_| self.next()).sum::<f64>() - 6.0
+    }
+}
+
+const NOISE_M: f64 = 0.005;
+const NOISE_RAD: f64 = 0.02;
+
+/// Poses at 15 Hz with noise: heading, height and pitch at a time.
+fn observed(
+    seconds: f64,
+    seed: u64,
+    pose: impl Fn(f64) -> Option<([f64; 3], [f64; 3])>,
+) -> Vec<FootObservation> {
+    let mut draw = Draw(seed);
+    let covariance = Covariance::from_sigmas([NOISE_M; 3], [NOISE_RAD; 3]).unwrap();
+    let times = (0..(seconds * 15.0) as i64).map(|n| n as f64 / 15.0);
+    let frames = times.filter_map(|t| Some((t, pose(t)?)));
+    frames
+        .map(|(t, (position, rotation))| {
+            let truth = RigidTransform::from_rotation_vector(rotation, position).unwrap();
+            let mut noise = |sigma: f64| [0, 1, 2].map(|_| sigma * draw.bell());
+            let (shift, turn) = (noise(NOISE_M), noise(NOISE_RAD));
+            let error = RigidTransform::from_rotation_vector(turn, shift).unwrap();
+            FootObservation {
+                time_ns: (t * 1e9) as i64,
+                world_from_foot: truth * error,
+                covariance,
+            }
+        })
+        .collect()
+}
+
+/// Steps of 1.4 m each 1.1 s: at rest for 0.4 s, then hidden for 0.45 s, then in swing.
+fn walk(t: f64) -> Option<([f64; 3], [f64; 3])> {
+    let (step, phase) = ((t / 1.1).floor(), t % 1.1);
+    let (x, pitch) = match phase {
+        0.0..0.4 => (0.0, 0.0),
+        0.4..0.85 => return None,
+        _ => {
+            let left = (1.1 - phase) / 0.25;
+            (1.4 * (1.0 - 0.6 * left * left), -0.4 * left.min(0.6))
+        }
+    };
+    Some(([1.4 * step + x, 0.1, 0.0], [0.0, pitch, 0.02]))
+}
+
+fn config() -> StanceConfig {
+    GaitConfig::default().stance
+}
+
+#[test]
+fn every_step_of_a_walk_is_one_stance() {
+    for seed in 0..20 {
+        let found = stances(&observed(11.0, seed, walk), &config());
+        assert_eq!(found.len(), 10, "{seed}: {found:?}");
+        for (k, stance) in found.iter().enumerate() {
+            let [x, y, z] = stance.world_from_foot.translation_m();
+            let error = (x - 1.4 * k as f64).hypot(y - 0.1).hypot(z);
+            assert!(error < 0.01, "{seed} {k}: {error}");
+            let [from, to] = stance.times_ns.map(|ns| 1e-9 * ns as f64 - 1.1 * k as f64);
+            assert!((-0.05..0.14).contains(&from), "{seed} {k}: {from}");
+            assert!((0.2..0.41).contains(&to), "{seed} {k}: {to}");
+        }
+    }
+}
+
+#[test]
+fn covariance_of_a_stance_is_that_of_its_errors() {
+    let mut squares = Vector6::<f64>::zeros();
+    let mut sigmas = Vector6::<f64>::zeros();
+    let mut count = 0.0;
+    for seed in 0..40 {
+        for (k, stance) in stances(&observed(11.0, 100 + seed, walk), &config())
+            .iter()
+            .enumerate()
+        {
+            let truth =
+                RigidTransform::from_rotation_vector([0.0, 0.0, 0.02], [1.4 * k as f64, 0.1, 0.0])
+                    .unwrap();
+            let error = motion(&truth, &stance.world_from_foot);
+            squares += error.component_mul(&error);
+            sigmas += stance.covariance.matrix().diagonal();
+            count += 1.0;
+        }
+    }
+    let shared = config().shared_sigma;
+    for (k, shared) in [0, 0, 1, 2, 2, 3]
+        .map(|k: usize| shared[k])
+        .iter()
+        .enumerate()
+    {
+        let random = (sigmas[k] / count - shared * shared).sqrt();
+        let rms = (squares[k] / count).sqrt();
+        assert!((0.7..1.4).contains(&(rms / random)), "{k}: {rms} {random}");
+    }
+}
+
+#[test]
+fn a_foot_that_slides_has_two_stances() {
+    let slide = |t: f64| {
+        let x = if t < 1.0 { 0.0 } else { 0.05 };
+        Some(([x, 0.0, 0.0], [0.0; 3]))
+    };
+    let found = stances(&observed(2.0, 1, slide), &config());
+    assert_eq!(found.len(), 2, "{found:?}");
+    let between = motion(&found[0].world_from_foot, &found[1].world_from_foot);
+    assert!((between[0] - 0.05).abs() < 0.01, "{between}");
+}
+
+#[test]
+fn standing_for_minutes_is_one_stance() {
+    let sway = |t: f64| Some(([0.001 * (3.0 * t).sin(), 0.0, 0.0], [0.0; 3]));
+    let found = stances(&observed(180.0, 2, sway), &config());
+    assert_eq!(found.len(), 1, "{}", found.len());
+    assert!(found[0].covariance.sigmas()[0] < 0.004);
+}
+
+#[test]
+fn one_stance_goes_on_while_a_leg_hides_the_foot() {
+    let hidden = |t: f64| (!(0.5..0.9).contains(&t)).then_some(([0.0; 3], [0.0; 3]));
+    let found = stances(&observed(1.5, 3, hidden), &config());
+    assert_eq!(found.len(), 1, "{found:?}");
+}

@@ -1,0 +1,291 @@
+//! Shoe tags in the frames of stereo cameras.
+//!
+//! Contract: frames come in order of time, with the pose and the motion of the rig. Each tag of a
+//! foot is fitted where the foot is predicted, in both eyes, with its motion; where it is not, it
+//! is searched near there, and after a while in the whole image. What a frame does not show gives
+//! no detection. Detections depend on earlier frames through the prediction only: their poses are
+//! those of the images.
+
+use cad_transforms::RigidTransform;
+use camera_models::Lens;
+use fiducials::{Fit, Motion, Searcher, View, fit, poses_from_corners};
+use imaging::ImageView;
+use nalgebra::Vector3;
+
+use crate::config::Config;
+use crate::prediction::{FootMotion, FootPose};
+use crate::shoe::{Shoe, ShoeTag};
+
+/// A stereo camera of the rig.
+#[derive(Clone, Debug)]
+pub struct Camera {
+    /// Lenses of the left and the right eye.
+    pub lenses: [Lens; 2],
+    /// Take points of each eye to the rig, m.
+    pub rig_from_eye: [RigidTransform; 2],
+    /// Time from row to row, s.
+    pub line_s: f64,
+}
+
+/// A frame of one stereo camera.
+#[derive(Clone, Copy, Debug)]
+pub struct Frame<'a> {
+    /// Index of the camera.
+    pub camera: usize,
+    /// Middle of the exposure of the middle row, ns.
+    pub time_ns: i64,
+    /// Left and right image.
+    pub images: [ImageView<'a>; 2],
+    /// Exposure, s; 0 if unknown.
+    pub exposure_s: f64,
+    /// Pose of the rig at that time; `None` if it is unknown: then there is no prediction.
+    pub rig: Option<RigState>,
+}
+
+/// Pose of the rig in the world, and its motion there.
+#[derive(Clone, Copy, Debug)]
+pub struct RigState {
+    /// Takes points of the rig to the world, m.
+    pub world_from_rig: RigidTransform,
+    /// Of its origin, m/s, and its angular rate, rad/s.
+    pub motion: Motion,
+}
+
+/// A tag in a frame.
+#[derive(Clone, Debug)]
+pub struct Detection {
+    /// Time of the frame, ns.
+    pub time_ns: i64,
+    /// Index of the camera.
+    pub camera: usize,
+    /// Index of the shoe, and of the tag on it.
+    pub shoe: usize,
+    /// See `shoe`.
+    pub tag: usize,
+    /// Pose of the tag in the rig, and how it was fitted.
+    pub fit: Fit,
+}
+
+/// Tracks the tags of shoes.
+#[derive(Clone, Debug)]
+pub struct TagTracker {
+    shoes: Vec<Shoe>,
+    cameras: Vec<Camera>,
+    config: Config,
+    searcher: Searcher,
+    /// By shoe.
+    feet: Vec<Option<FootMotion>>,
+}
+
+impl TagTracker {
+    /// A tracker of these shoes in these cameras.
+    pub fn new(shoes: Vec<Shoe>, cameras: Vec<Camera>, config: Config) -> Self {
+        let dictionary = boards::Dictionary::AprilTag36h11;
+        Self {
+            searcher: Searcher::new(dictionary, &config.search.detection),
+            feet: vec![None; shoes.len()],
+            shoes,
+            cameras,
+            config,
+        }
+    }
+
+    /// The tags in a frame.
+    ///
+    /// # Panics
+    /// If the rig has no such camera.
+    pub fn add(&mut self, frame: &Frame<'_>) -> Vec<Detection> {
+        let mut found = Vec::new();
+        for shoe in 0..self.shoes.len() {
+            found.extend(self.predicted(frame, shoe));
+        }
+        let missing: Vec<usize> = (0..self.shoes.len())
+            .filter(|&shoe| {
+                let foot = &self.feet[shoe];
+                let is_lost =
+                    |foot: &FootMotion| foot.age_s(frame.time_ns) > self.config.search.lost_s;
+                foot.as_ref().is_none_or(is_lost) && found.iter().all(|seen| seen.shoe != shoe)
+            })
+            .collect();
+        if !missing.is_empty() {
+            found.extend(self.searched(frame, &missing));
+        }
+        for shoe in 0..self.shoes.len() {
+            let own: Vec<&Detection> = found.iter().filter(|seen| seen.shoe == shoe).collect();
+            self.update(frame, shoe, &own);
+        }
+        found
+    }
+
+    /// Tags of a shoe where they are predicted, or near there.
+    fn predicted(&self, frame: &Frame<'_>, shoe: usize) -> Vec<Detection> {
+        let (Some(foot), Some(rig)) = (&self.feet[shoe], &frame.rig) else {
+            return Vec::new();
+        };
+        if foot.age_s(frame.time_ns) > self.config.search.lost_s {
+            return Vec::new();
+        }
+        let (world_from_foot, velocity) = foot.at(frame.time_ns, &self.config.prediction);
+        let rig_from_foot = rig.world_from_rig.inverse() * world_from_foot;
+        let tags = self.shoes[shoe].tags.iter().enumerate();
+        tags.filter_map(|(tag, shoe_tag)| {
+            let start = rig_from_foot * shoe_tag.foot_from_tag;
+            let motion = motion_in_rig(rig, &world_from_foot, shoe_tag, &velocity);
+            let fit = self
+                .fit(frame, shoe_tag, &start, &motion)
+                .or_else(|| self.near(frame, shoe_tag, &start))?;
+            self.detection(frame, (shoe, tag), fit)
+        })
+        .collect()
+    }
+
+    /// A tag near where it is predicted.
+    fn near(
+        &self,
+        frame: &Frame<'_>,
+        shoe_tag: &ShoeTag,
+        predicted: &RigidTransform,
+    ) -> Option<Fit> {
+        let camera = &self.cameras[frame.camera];
+        let in_left = camera.rig_from_eye[0].inverse() * *predicted;
+        let at = in_left.translation();
+        if at.z < 0.1 {
+            return None;
+        }
+        let middle = camera.lenses[0].project((*at).into())?;
+        let reach = self.config.search.near_m / at.z * camera.lenses[0].model().fx;
+        let image = frame.images[0];
+        let bounds = |middle: f64, size: usize| {
+            let from = (middle - reach).max(0.0);
+            let to = (middle + reach).min((size - 1) as f64);
+            (to - from > 8.0).then_some((from as usize, to as usize))
+        };
+        let (left, right) = bounds(middle[0], image.width())?;
+        let (top, bottom) = bounds(middle[1], image.height())?;
+        let part = image.part([left, top], [right + 1 - left, bottom + 1 - top])?;
+        let found = self.searcher.search(&part);
+        let own = found.iter().find(|seen| seen.id == shoe_tag.tag.id)?;
+        let corners = own.corners.map(|[x, y]| [x + left as f64, y + top as f64]);
+        self.fit_at_corners(frame, shoe_tag, &corners)
+    }
+
+    /// Tags of shoes anywhere in a frame.
+    fn searched(&self, frame: &Frame<'_>, shoes: &[usize]) -> Vec<Detection> {
+        let found = self.searcher.search(&frame.images[0]);
+        let mut detections = Vec::new();
+        for &shoe in shoes {
+            for (tag, shoe_tag) in self.shoes[shoe].tags.iter().enumerate() {
+                let own = found.iter().filter(|seen| seen.id == shoe_tag.tag.id);
+                let mut own = own.filter_map(|seen| {
+                    let fit = self.fit_at_corners(frame, shoe_tag, &seen.corners)?;
+                    self.detection(frame, (shoe, tag), fit)
+                });
+                detections.extend(own.next());
+            }
+        }
+        detections
+    }
+
+    /// Fits a tag with these corners in the left image.
+    fn fit_at_corners(
+        &self,
+        frame: &Frame<'_>,
+        shoe_tag: &ShoeTag,
+        corners: &[[f64; 2]; 4],
+    ) -> Option<Fit> {
+        let camera = &self.cameras[frame.camera];
+        let poses = poses_from_corners(&camera.lenses[0], &shoe_tag.tag, corners)?;
+        let fits = poses.into_iter().filter_map(|pose| {
+            let start = camera.rig_from_eye[0] * pose;
+            self.fit(frame, shoe_tag, &start, &Motion::default())
+        });
+        fits.min_by(|a, b| a.rms_levels.total_cmp(&b.rms_levels))
+    }
+
+    fn fit(
+        &self,
+        frame: &Frame<'_>,
+        shoe_tag: &ShoeTag,
+        start: &RigidTransform,
+        motion: &Motion,
+    ) -> Option<Fit> {
+        let camera = &self.cameras[frame.camera];
+        let views = [0, 1].map(|eye| View {
+            image: frame.images[eye],
+            lens: &camera.lenses[eye],
+            eye_from_reference: camera.rig_from_eye[eye].inverse(),
+            line_s: camera.line_s,
+            exposure_s: frame.exposure_s,
+        });
+        fit(&views, &shoe_tag.tag, start, motion, &self.config.fit)
+    }
+
+    /// A detection, if the foot can be there.
+    fn detection(
+        &self,
+        frame: &Frame<'_>,
+        (shoe, tag): (usize, usize),
+        fit: Fit,
+    ) -> Option<Detection> {
+        let distance = fit.reference_from_tag.translation().norm();
+        let seen = self.foot_pose(frame, (shoe, tag), &fit);
+        let is_slow = self.feet[shoe].zip(seen).is_none_or(|(foot, seen)| {
+            foot.age_s(frame.time_ns) > self.config.search.lost_s
+                || foot.speed_to(&seen) < self.config.max_speed
+        });
+        (distance < self.config.max_distance_m && is_slow).then_some(Detection {
+            time_ns: frame.time_ns,
+            camera: frame.camera,
+            shoe,
+            tag,
+            fit,
+        })
+    }
+
+    /// Pose of a foot in the world, where that of the rig is known.
+    fn foot_pose(
+        &self,
+        frame: &Frame<'_>,
+        (shoe, tag): (usize, usize),
+        fit: &Fit,
+    ) -> Option<FootPose> {
+        let rig = frame.rig?;
+        let tag_from_foot = self.shoes[shoe].tags[tag].foot_from_tag.inverse();
+        Some(FootPose {
+            time_ns: frame.time_ns,
+            world_from_foot: rig.world_from_rig * fit.reference_from_tag * tag_from_foot,
+        })
+    }
+
+    /// Updates the prediction of a foot by the detection with the smallest covariance.
+    fn update(&mut self, frame: &Frame<'_>, shoe: usize, seen: &[&Detection]) {
+        let trace = |seen: &&&Detection| seen.fit.covariance.trace();
+        let best = seen.iter().min_by(|a, b| trace(a).total_cmp(&trace(b)));
+        let Some(best) = best else { return };
+        let Some(pose) = self.foot_pose(frame, (shoe, best.tag), &best.fit) else {
+            return;
+        };
+        let config = &self.config.prediction;
+        self.feet[shoe] = Some(FootMotion::new(pose, self.feet[shoe].as_ref(), config));
+    }
+}
+
+/// Motion of a tag in the rig.
+fn motion_in_rig(
+    rig: &RigState,
+    world_from_foot: &RigidTransform,
+    shoe_tag: &ShoeTag,
+    velocity: &Motion,
+) -> Motion {
+    let tag = *world_from_foot * shoe_tag.foot_from_tag;
+    let from_foot = tag.translation() - world_from_foot.translation();
+    let from_rig = tag.translation() - rig.world_from_rig.translation();
+    let [foot_rate, rig_rate] = [velocity.angular, rig.motion.angular].map(Vector3::from);
+    let of_foot = Vector3::from(velocity.linear) + foot_rate.cross(&from_foot);
+    let of_rig = Vector3::from(rig.motion.linear) + rig_rate.cross(&from_rig);
+    let back = rig.world_from_rig.rotation().inverse();
+    Motion {
+        linear: (back * (of_foot - of_rig)).into(),
+        angular: (back * (foot_rate - rig_rate)).into(),
+    }
+}
