@@ -23,7 +23,7 @@ config! {
         pub max_extrapolation_s: f64 = 0.1,
         /// Speed below which a foot is taken to stand, m/s.
         pub standing_speed: f64 = 0.25,
-        /// Maximum time between sightings of which a velocity is formed, s.
+        /// Maximum time between detections of which a velocity is formed, s.
         pub max_velocity_interval_s: f64 = 0.15,
     }
 
@@ -31,7 +31,7 @@ config! {
     pub struct SearchConfig {
         /// Detection of tags of any identity.
         pub detection: fiducials::SearchConfig = fiducials::SearchConfig::default(),
-        /// Time without a sighting of a foot after which whole images are searched, s: after a
+        /// Time without a detection of a foot after which whole images are searched, s: after a
         /// swing it is somewhere else.
         pub lost_s: f64 = 0.15,
         /// Distance around a predicted tag in which it is searched if it is not there, m.

@@ -1,9 +1,9 @@
 //! Times of contacts: heel strike, foot flat, heel off, toe off.
 //!
-//! Contract: each event has a standard deviation and says whether images show it or the gait tells
-//! it. Heel strikes come from the approach of the heel to where it then rests and from when the sole
-//! is flat, as the mean of their distribution over time. Toes leave the ground out of sight: their
-//! time follows from the strike of the other foot.
+//! Contract: each event has a standard deviation and says whether images show it or it follows from
+//! the gait. Heel strikes come from the approach of the heel to where it then rests and from when
+//! the sole is flat, as the mean of their distribution over time. Where toes leave the ground no
+//! camera sees them: their time follows from the strike of the other foot.
 //!
 //! Source of the share of a stride in which a foot bears, 0.642 - 0.035 v for a speed v in m/s:
 //! Kirtley, Whittle, Jefferson, "Influence of walking speed on gait parameters", J. Biomed. Eng. 7,

@@ -1,4 +1,4 @@
-//! Where a foot is expected from its last sightings.
+//! Where a foot is expected from its last detections.
 
 use cad_transforms::RigidTransform;
 use fiducials::Motion;
@@ -13,7 +13,7 @@ pub(crate) struct FootPose {
     pub(crate) world_from_foot: RigidTransform,
 }
 
-/// The last sighting of a foot, and its velocity then.
+/// The last detection of a foot, and its velocity then.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct FootMotion {
     last: FootPose,
@@ -22,7 +22,7 @@ pub(crate) struct FootMotion {
 }
 
 impl FootMotion {
-    /// After a sighting; `earlier` is the state before it.
+    /// After a detection; `earlier` is the state before it.
     pub(crate) fn new(seen: FootPose, earlier: Option<&Self>, config: &PredictionConfig) -> Self {
         let velocity = earlier.and_then(|earlier| {
             let seconds = 1e-9 * (seen.time_ns - earlier.last.time_ns) as f64;
@@ -41,7 +41,7 @@ impl FootMotion {
         }
     }
 
-    /// Time since the last sighting, s.
+    /// Time since the last detection, s.
     pub(crate) fn age_s(&self, time_ns: i64) -> f64 {
         1e-9 * (time_ns - self.last.time_ns) as f64
     }
@@ -57,7 +57,7 @@ impl FootMotion {
         (moved.unwrap_or(self.last.world_from_foot), self.velocity)
     }
 
-    /// Speed of the motion from the last sighting to a pose, m/s.
+    /// Speed of the motion from the last detection to a pose, m/s.
     pub(crate) fn speed_to(&self, seen: &FootPose) -> f64 {
         let moved = seen.world_from_foot.translation() - self.last.world_from_foot.translation();
         moved.norm() / self.age_s(seen.time_ns).max(1e-3)

@@ -1,14 +1,14 @@
 //! How a foot usually moves from one contact to the next.
 //!
 //! Contract: the motion begins and ends at rest in the poses of the contacts, rolls over the toe
-//! until it leaves the ground, and over the heel after its strike. It is a function of both contacts
-//! and the dimensions of the sole alone: nothing in it is learned from a wearer. Deviations from it
-//! are estimated by [`bridge`](crate::bridge).
+//! until it leaves the ground, and over the heel after its strike. It is a function of both
+//! contacts and the dimensions of the sole alone: nothing in it is learned from a wearer.
+//! Deviations from it are estimated by [`bridge`](crate::bridge).
 //!
-//! Sources of the shape, read from published mean curves of healthy adults at their own speed: height
-//! of the toe with 2 cm at mid-swing, Winter, "Foot trajectory in human gait", Phys. Ther. 72, 1992,
-//! and Moosabhoy and Gard, Gait Posture 24, 2006; angle of the foot to the ground, Perry and
-//! Burnfield, "Gait Analysis", 2nd ed., 2010.
+//! Sources of the shape, approximated by hand from published mean curves of healthy adults at their
+//! own speed: height of the toe with 2 cm at mid-swing, Winter, "Foot trajectory in human gait",
+//! Phys. Ther. 72, 1992, and Moosabhoy and Gard, Gait Posture 24, 2006; angle of the foot to the
+//! ground, Perry and Burnfield, "Gait Analysis", 2nd ed., 2010.
 
 use cad_transforms::RigidTransform;
 use nalgebra::{UnitQuaternion, Vector3};

@@ -1,10 +1,10 @@
 //! Shoe tags in the frames of stereo cameras.
 //!
 //! Contract: frames come in order of time, with the pose and the motion of the rig. Each tag of a
-//! foot is fitted where the foot is predicted, in both eyes, with its motion; where it is not, it is
-//! searched near there, and after a while in the whole image. What a frame does not show gives no
-//! sighting. Sightings depend on earlier frames through the prediction only: their poses are those of
-//! the images.
+//! foot is fitted where the foot is predicted, in both eyes, with its motion; where it is not, it
+//! is searched near there, and after a while in the whole image. What a frame does not show gives
+//! no detection. Detections depend on earlier frames through the prediction only: their poses are
+//! those of the images.
 
 use cad_transforms::RigidTransform;
 use camera_models::Lens;
@@ -53,7 +53,7 @@ pub struct RigState {
 
 /// A tag in a frame.
 #[derive(Clone, Debug)]
-pub struct Sighting {
+pub struct Detection {
     /// Time of the frame, ns.
     pub time_ns: i64,
     /// Index of the camera.
@@ -94,7 +94,7 @@ impl TagTracker {
     ///
     /// # Panics
     /// If the rig has no such camera.
-    pub fn add(&mut self, frame: &Frame<'_>) -> Vec<Sighting> {
+    pub fn add(&mut self, frame: &Frame<'_>) -> Vec<Detection> {
         let mut found = Vec::new();
         for shoe in 0..self.shoes.len() {
             found.extend(self.predicted(frame, shoe));
@@ -111,14 +111,14 @@ impl TagTracker {
             found.extend(self.searched(frame, &missing));
         }
         for shoe in 0..self.shoes.len() {
-            let own: Vec<&Sighting> = found.iter().filter(|seen| seen.shoe == shoe).collect();
+            let own: Vec<&Detection> = found.iter().filter(|seen| seen.shoe == shoe).collect();
             self.update(frame, shoe, &own);
         }
         found
     }
 
     /// Tags of a shoe where they are predicted, or near there.
-    fn predicted(&self, frame: &Frame<'_>, shoe: usize) -> Vec<Sighting> {
+    fn predicted(&self, frame: &Frame<'_>, shoe: usize) -> Vec<Detection> {
         let (Some(foot), Some(rig)) = (&self.feet[shoe], &frame.rig) else {
             return Vec::new();
         };
@@ -134,7 +134,7 @@ impl TagTracker {
             let fit = self
                 .fit(frame, shoe_tag, &start, &motion)
                 .or_else(|| self.near(frame, shoe_tag, &start))?;
-            self.sighting(frame, (shoe, tag), fit)
+            self.detection(frame, (shoe, tag), fit)
         })
         .collect()
     }
@@ -166,28 +166,28 @@ impl TagTracker {
         let found = self.searcher.search(&part);
         let own = found.iter().find(|seen| seen.id == shoe_tag.tag.id)?;
         let corners = own.corners.map(|[x, y]| [x + left as f64, y + top as f64]);
-        self.from_corners(frame, shoe_tag, &corners)
+        self.fit_at_corners(frame, shoe_tag, &corners)
     }
 
     /// Tags of shoes anywhere in a frame.
-    fn searched(&self, frame: &Frame<'_>, shoes: &[usize]) -> Vec<Sighting> {
+    fn searched(&self, frame: &Frame<'_>, shoes: &[usize]) -> Vec<Detection> {
         let found = self.searcher.search(&frame.images[0]);
-        let mut sightings = Vec::new();
+        let mut detections = Vec::new();
         for &shoe in shoes {
             for (tag, shoe_tag) in self.shoes[shoe].tags.iter().enumerate() {
                 let own = found.iter().filter(|seen| seen.id == shoe_tag.tag.id);
                 let mut own = own.filter_map(|seen| {
-                    let fit = self.from_corners(frame, shoe_tag, &seen.corners)?;
-                    self.sighting(frame, (shoe, tag), fit)
+                    let fit = self.fit_at_corners(frame, shoe_tag, &seen.corners)?;
+                    self.detection(frame, (shoe, tag), fit)
                 });
-                sightings.extend(own.next());
+                detections.extend(own.next());
             }
         }
-        sightings
+        detections
     }
 
     /// Fits a tag with these corners in the left image.
-    fn from_corners(
+    fn fit_at_corners(
         &self,
         frame: &Frame<'_>,
         shoe_tag: &ShoeTag,
@@ -220,20 +220,20 @@ impl TagTracker {
         fit(&views, &shoe_tag.tag, start, motion, &self.config.fit)
     }
 
-    /// A sighting, if the foot can be there.
-    fn sighting(
+    /// A detection, if the foot can be there.
+    fn detection(
         &self,
         frame: &Frame<'_>,
         (shoe, tag): (usize, usize),
         fit: Fit,
-    ) -> Option<Sighting> {
+    ) -> Option<Detection> {
         let distance = fit.reference_from_tag.translation().norm();
         let seen = self.foot_pose(frame, (shoe, tag), &fit);
         let is_slow = self.feet[shoe].zip(seen).is_none_or(|(foot, seen)| {
             foot.age_s(frame.time_ns) > self.config.search.lost_s
                 || foot.speed_to(&seen) < self.config.max_speed
         });
-        (distance < self.config.max_distance_m && is_slow).then_some(Sighting {
+        (distance < self.config.max_distance_m && is_slow).then_some(Detection {
             time_ns: frame.time_ns,
             camera: frame.camera,
             shoe,
@@ -257,9 +257,9 @@ impl TagTracker {
         })
     }
 
-    /// Updates the prediction of a foot by the sighting with the smallest covariance.
-    fn update(&mut self, frame: &Frame<'_>, shoe: usize, seen: &[&Sighting]) {
-        let trace = |seen: &&&Sighting| seen.fit.covariance.trace();
+    /// Updates the prediction of a foot by the detection with the smallest covariance.
+    fn update(&mut self, frame: &Frame<'_>, shoe: usize, seen: &[&Detection]) {
+        let trace = |seen: &&&Detection| seen.fit.covariance.trace();
         let best = seen.iter().min_by(|a, b| trace(a).total_cmp(&trace(b)));
         let Some(best) = best else { return };
         let Some(pose) = self.foot_pose(frame, (shoe, best.tag), &best.fit) else {

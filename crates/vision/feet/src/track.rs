@@ -20,9 +20,9 @@ use crate::swing::{SoleEdges, UsualMotion, pose};
 pub enum FootStatus {
     /// A frame shows the foot at that time, or within some tens of milliseconds.
     Observed,
-    /// The foot is at rest, out of sight.
+    /// The foot is at rest, and no frame shows it.
     Held,
-    /// Between two contacts, out of sight.
+    /// Between two contacts, and no frame shows it.
     Bridged,
     /// Unknown: the pose is the last known one and must not be used.
     Lost,

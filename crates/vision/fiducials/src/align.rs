@@ -70,7 +70,7 @@ impl Aligner<'_> {
         moved(found)
     }
 
-    /// Of so many pixels as suffice here.
+    /// Of a part of the pixels, which suffices here.
     fn points(&self, eye: usize, pose: &RigidTransform) -> Points {
         let patch = self.patches[eye];
         let per_m = 1.0 / self.tag.cell_m();

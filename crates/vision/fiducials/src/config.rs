@@ -29,7 +29,7 @@ config! {
         pub tone_sigma: f64 = 0.1,
         /// Minimum difference of white and black, gray levels.
         pub min_contrast_levels: f64 = 12.0,
-        /// Maximum number of pixels of an eye that count: of larger tags every so many do. Errors
+        /// Maximum number of pixels of an eye that count, evenly spread over larger tags. Errors
         /// of the model, which all pixels share, limit the accuracy, not noise.
         pub max_pixels: usize = 300,
         /// Minimum share of the tag's cells inside the image.

@@ -149,11 +149,11 @@ impl<'a> Patch<'a> {
             .map(|reach| (1.0 - reach).max(MIN_AROUND_CELLS))
             .map(|around| (tag.half_square_cells() + around) * tag.cell_m());
         let expected = 4.0 * most[0] * most[1] / area;
-        // Of a large tag, every so many pixels.
+        // Of a large tag, pixels that are evenly spread.
         let stride = ((expected / config.max_pixels as f64).ceil() as usize).max(1);
         let mut pixels = Vec::new();
         window.for_each(pose, motion, |pixel, column, point| {
-            let counts = (column + COLUMNS_PER_ROW * pixel.row) % stride == 0
+            let counts = (column + COLUMNS_PER_ROW * pixel.row).is_multiple_of(stride)
                 && point.at.iter().zip(most).all(|(v, most)| v.abs() < most)
                 && cell_at(tag, point.at).is_some_and(|cell| !selection.is_hidden[cell]);
             if counts {

@@ -63,7 +63,7 @@ impl Template {
         let last = (self.side - 2) as f32;
         let [x, y] = place.map(|v| ((v + self.half_cells) * self.per_cell) as f32);
         let [column, row] = [x, y].map(|v| v.max(0.0).min(last) as usize);
-        let weight = |v: f32, from: usize| (v - from as f32).max(0.0).min(1.0);
+        let weight = |v: f32, from: usize| (v - from as f32).clamp(0.0, 1.0);
         let (s, t) = (weight(x, column), weight(y, row));
         let at = row * self.side + column;
         let top = &self.texels[at..][..2];

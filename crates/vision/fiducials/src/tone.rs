@@ -24,7 +24,7 @@ impl Tone {
 
     /// Gray level and its derivative, at a share of the light.
     pub(crate) fn at(&self, light: f32) -> (f32, f32) {
-        let place = light.max(0.0).min(1.0) * ENTRIES as f32;
+        let place = light.clamp(0.0, 1.0) * ENTRIES as f32;
         let k = (place as usize).min(ENTRIES - 1);
         let (a, b) = (self.table[k], self.table[k + 1]);
         (a + (b - a) * (place - k as f32), (b - a) * ENTRIES as f32)

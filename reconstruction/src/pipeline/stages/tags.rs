@@ -7,7 +7,7 @@
 //! the session.
 
 use ::feet::shoe::{Shoe, ShoeTag, Side};
-use ::feet::tag_tracker::{Camera, Frame, RigState, Sighting, TagTracker};
+use ::feet::tag_tracker::{Camera, Detection, Frame, RigState, TagTracker};
 use cad_transforms::rig::{Foot, TagFamily};
 use cad_transforms::{Covariance, RigidTransform};
 use camera_models::Lens;
@@ -170,12 +170,12 @@ impl Tracked<'_> {
     }
 
     /// Foot and number of a tag.
-    fn tag(&self, sighting: &Sighting) -> (Foot, u64) {
+    fn tag(&self, sighting: &Detection) -> (Foot, u64) {
         let (foot, ids) = &self.ids[sighting.shoe];
         (*foot, ids[sighting.tag])
     }
 
-    fn detection(&self, sighting: &Sighting, view: &View) -> Result<TagDetection, StageError> {
+    fn detection(&self, sighting: &Detection, view: &View) -> Result<TagDetection, StageError> {
         let fit = &sighting.fit;
         let (foot, tag) = self.tag(sighting);
         let share = |eye: usize| fit.visible_share.get(eye).copied().unwrap_or(0.0) as f32;

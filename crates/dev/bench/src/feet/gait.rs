@@ -6,7 +6,7 @@ use feet::events::{Contact, SeenFoot, contacts};
 use feet::observation::{TagPose, foot_observation, surest};
 use feet::stance::{FootObservation, Stance, stances};
 use feet::swing::SoleEdges;
-use feet::tag_tracker::Sighting;
+use feet::tag_tracker::Detection;
 use feet::track::{FootStatus, KnownFoot, foot_poses};
 use feet::{FootConfig, GaitConfig};
 use rig_sim::simulation::Simulation;
@@ -52,7 +52,7 @@ pub(super) struct Row {
 /// The foot of a sighting in the world.
 pub(super) fn observation(
     world_from_rig: &RigidTransform,
-    seen: &Sighting,
+    seen: &Detection,
     foot_from_tag: &RigidTransform,
 ) -> Result<FootObservation> {
     // Rotation first in a fit.

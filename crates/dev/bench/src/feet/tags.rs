@@ -1,4 +1,4 @@
-//! Sightings of shoe tags against the truth: recall, errors and their stated sigmas, time.
+//! Detections of shoe tags against the truth: recall, errors and their stated sigmas, time.
 
 use std::sync::Arc;
 use std::time::Instant;
@@ -10,7 +10,7 @@ use cad_transforms::rig::Rig;
 use camera_models::Lens;
 use feet::Config;
 use feet::shoe::{Shoe, ShoeTag, Side as FootSide};
-use feet::tag_tracker::{Camera, Frame, RigState, Sighting, TagTracker};
+use feet::tag_tracker::{Camera, Detection, Frame, RigState, TagTracker};
 use fiducials::{Motion, Tag};
 use imaging::ImageView;
 use nalgebra::{UnitQuaternion, Vector3, Vector6};
@@ -48,9 +48,9 @@ pub(super) struct Row {
     /// The same while the foot is flat.
     visible_flat: usize,
     found_flat: usize,
-    /// Sightings of tags of which nothing is visible in either eye.
+    /// Detections of tags of which nothing is visible in either eye.
     invented: usize,
-    /// Sightings that are more than 5 cm wrong.
+    /// Detections that are more than 5 cm wrong.
     wrong: usize,
     /// Root mean square errors while flat: of the tag in the plane and along its normal, mm, its
     /// tilt, degrees, and of the middle of the sole, mm.
@@ -228,7 +228,7 @@ fn shoes(simulation: &Simulation) -> Result<Vec<Shoe>> {
 fn error(
     simulation: &Simulation,
     world_from_rig: &RigidTransform,
-    seen: &Sighting,
+    seen: &Detection,
 ) -> Result<Vector6<f64>> {
     let wearer = &simulation.scene().wearer;
     let (position, rotation) = wearer.pose(

@@ -9,8 +9,8 @@ const SOLE: SoleEdges = SoleEdges {
 };
 const STRIDE_S: f64 = 1.1;
 
-/// Another swing than the usual one: a cosine along the way, a half sine of height, and a pitch that
-/// goes from -0.8 to 0.4.
+/// Another swing than the usual one: its progress is a cosine, its height half a sine, and its
+/// pitch goes from -0.8 to 0.4.
 fn truth(t: f64) -> RigidTransform {
     // No frame is at the begin of a stride.
     let t = t + 1e-4;

@@ -1,0 +1,85 @@
+//! Errors of scenes, cameras, renderers and training.
+
+/// Reasons why a scene, a camera or a training cannot be used.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum SplatError {
+    /// A parameter is NaN or infinite: the file or the optimizer that it comes from is broken.
+    #[error("the {parameter} of Gaussian {index} is not a finite number")]
+    NotFinite {
+        /// Index of the Gaussian.
+        index: usize,
+        /// Name of the parameter.
+        parameter: &'static str,
+    },
+    /// A rotation of length zero has no direction.
+    #[error("the rotation of Gaussian {index} is a quaternion of length 0 or not finite")]
+    ZeroRotation {
+        /// Index of the Gaussian.
+        index: usize,
+    },
+    /// Harmonics of a higher degree than any renderer evaluates.
+    #[error("spherical harmonics of degree {found}, expected 0 to 3")]
+    Degree {
+        /// Degree as found.
+        found: usize,
+    },
+    /// The planes are not those of the degree, or have different lengths.
+    #[error("planes of {lengths:?} values, expected {expected} planes of one length")]
+    Planes {
+        /// Length of each plane.
+        lengths: Vec<usize>,
+        /// Number of planes of this degree.
+        expected: usize,
+    },
+    /// The map of the sky has another size, or values that are not finite.
+    #[error(
+        "a sky of {texels} texels with an edge of {size}, expected 2 to 4096 squared finite ones"
+    )]
+    Sky {
+        /// Edge.
+        size: usize,
+        /// Number of texels.
+        texels: usize,
+    },
+    /// The camera cannot be rendered: correct its model or motion.
+    #[error("the camera cannot be rendered: {reason}")]
+    Camera {
+        /// What is wrong, with the values found.
+        reason: String,
+    },
+    /// A buffer has another number of values than the image has pixels.
+    #[error("{what} of {found} values, expected {expected}")]
+    Size {
+        /// Name of the buffer.
+        what: &'static str,
+        /// Values found.
+        found: usize,
+        /// Values expected.
+        expected: usize,
+    },
+    /// A setting is outside of its domain.
+    #[error("the setting {name} is {found}, expected {expected}")]
+    Setting {
+        /// Name of the setting.
+        name: &'static str,
+        /// Value as found.
+        found: f64,
+        /// The domain.
+        expected: &'static str,
+    },
+    /// The views cannot train a scene: too few of them, or no valid pixel.
+    #[error("the views cannot train a scene: {reason}")]
+    Views {
+        /// What is wrong, with the values found.
+        reason: String,
+    },
+    /// Training reached values that are not finite; the scene before the step is kept.
+    #[error("training failed at step {step}: {reason}")]
+    Diverged {
+        /// Step.
+        step: usize,
+        /// What is not finite.
+        reason: String,
+    },
+}

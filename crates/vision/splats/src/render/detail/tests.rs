@@ -1,0 +1,123 @@
+use camera_models::Distortion;
+
+use super::*;
+use crate::config::RenderConfig;
+use crate::reference::tests::{camera, random_splats, shutter};
+use crate::scene::{Background, Splat};
+
+fn scene(splats: Splats) -> Scene {
+    Scene {
+        splats,
+        background: Background::Constant([0.3, 0.1, 0.6]),
+    }
+}
+
+fn psnr_db(a: &Image, b: &Image) -> f64 {
+    let pairs = a.rgb.iter().flatten().zip(b.rgb.iter().flatten());
+    let sum: f64 = pairs.map(|(a, b)| f64::from(a - b).powi(2)).sum();
+    -10.0 * (sum / (3 * a.alpha.len()) as f64).log10()
+}
+
+#[test]
+fn without_coarser_levels_culling_changes_nothing() {
+    let splats = random_splats(4, 3000, 1);
+    let exact = scene(splats.select(&morton_order(&splats)));
+    let config = DetailConfig {
+        levels: 0,
+        cluster: 64,
+        ..DetailConfig::default()
+    };
+    let detail = DetailScene::new(&exact, &config).unwrap();
+    let renderer = Renderer::new(RenderConfig::default()).unwrap();
+    let still = camera((64, 48), Distortion::None);
+    let beside =
+        cad_transforms::RigidTransform::from_rotation_vector([0.0, 0.7, 0.0], [0.2, 0.0, -1.0]);
+    let beside = still.clone().with_pose(beside.unwrap());
+    let fisheye = Distortion::KannalaBrandt4 {
+        k1: 0.03,
+        k2: -0.01,
+        k3: 0.002,
+        k4: 0.0,
+    };
+    let moving = still.clone().with_shutter(shutter()).unwrap();
+    for camera in [still, beside.clone(), moving, camera((64, 48), fisheye)] {
+        let found = renderer.render_detail(&detail, &camera, &Exposure::NONE);
+        let expected = renderer.render(&exact, &camera, &Exposure::NONE);
+        assert!(found.rgb == expected.rgb && found.alpha == expected.alpha);
+    }
+    assert!(detail.count(&beside) < 2900, "{}", detail.count(&beside));
+}
+
+#[test]
+fn merged_gaussians_keep_mean_covariance_and_mass() {
+    // Two halves of a Gaussian, as growth splits it.
+    let mut splats = Splats::empty(0).unwrap();
+    for x in [-0.06, 0.06] {
+        let mut splat = Splat::sphere(0.1, [0.5, 0.2, 0.8]);
+        splat.position_m = [1.0 + x, 2.0, 3.0];
+        splat.log_scale = [0.08_f32.ln(), 0.1_f32.ln(), 0.03_f32.ln()];
+        splats.push(&splat).unwrap();
+    }
+    let merged = merge::neighbors(&splats, 2, 2.0);
+    assert_eq!(merged.len(), 1);
+    let found = merged.get(0);
+    let mut scale = found.log_scale.map(f32::exp);
+    scale.sort_by(f32::total_cmp);
+    for (found, expected) in scale.into_iter().zip([0.03, 0.1, 0.1]) {
+        assert!((found - expected).abs() < 1e-5, "{scale:?}");
+    }
+    assert!((found.position_m[0] - 1.0).abs() < 1e-6);
+    // 2 * 0.5 * 0.08 * 0.1 = 0.8 * 0.1 * 0.1
+    let opacity = 1.0 / (1.0 + (-found.opacity_logit).exp());
+    assert!((opacity - 0.8).abs() < 1e-4, "{opacity}");
+    // Distant ones remain.
+    let mut far = splats.clone();
+    far.push(&Splat {
+        position_m: [50.0, 0.0, 0.0],
+        ..splats.get(0)
+    })
+    .unwrap();
+    assert_eq!(merge::neighbors(&far, 3, 6.0), far);
+}
+
+#[test]
+fn coarser_levels_need_fewer_gaussians_at_a_stated_price() {
+    // A wall of 20 000 discs, 30 m away from a camera with pixels of 0.6 m there.
+    let mut splats = Splats::empty(0).unwrap();
+    for i in 0..20_000_u64 {
+        let uniform = |k: u64| counter_random::uniform(1, k, i) as f32;
+        let (x, y) = (40.0 * uniform(0) - 20.0, 30.0 * uniform(1) - 15.0);
+        let shade = 0.5 + 0.3 * (x * 0.4).sin() * (y * 0.5).cos() + 0.1 * (uniform(2) - 0.5);
+        let mut splat = Splat::sphere(0.15, [shade, 0.5, 1.0 - shade]);
+        splat.position_m = [x, y, 30.0];
+        splat.log_scale[2] = -5.0;
+        splat.opacity_logit = 2.0;
+        splats.push(&splat).unwrap();
+    }
+    let exact = scene(splats);
+    let camera = camera((64, 48), Distortion::None);
+    let renderer = Renderer::new(RenderConfig::default()).unwrap();
+    let expected = renderer.render(&exact, &camera, &Exposure::NONE);
+    let mut last = 20_001;
+    for (max_sigma_px, min_db) in [(0.0, 60.0), (0.6, 37.0), (0.8, 30.0)] {
+        let config = DetailConfig {
+            max_sigma_px,
+            ..DetailConfig::default()
+        };
+        let detail = DetailScene::new(&exact, &config).unwrap();
+        let count = detail.count(&camera);
+        let found = renderer.render_detail(&detail, &camera, &Exposure::NONE);
+        let db = psnr_db(&found, &expected);
+        assert!(
+            count < last && db > min_db,
+            "{max_sigma_px}: {count} Gaussians, {db} dB"
+        );
+        last = count;
+    }
+    assert!(last < 6000, "{last}");
+    let config = DetailConfig {
+        merge: 1,
+        ..DetailConfig::default()
+    };
+    assert!(DetailScene::new(&exact, &config).is_err());
+}

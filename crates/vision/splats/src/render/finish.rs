@@ -1,0 +1,151 @@
+//! From blended tiles to an image: background, exposure, depths.
+
+use rayon::prelude::*;
+
+use super::blend::{Cells, TileImage, cell_of};
+use super::image::Image;
+use super::view::{TILE, View};
+use crate::camera::Camera;
+use crate::config::RenderConfig;
+use crate::scene::{Background, Exposure, Scene};
+
+/// A band of rows of an image that one task writes.
+struct Band<'a> {
+    rgb: [&'a mut [f32]; 3],
+    expected: &'a mut [f32],
+    median: &'a mut [f32],
+    alpha: &'a mut [f32],
+}
+
+pub(super) fn finish(
+    tiles: &[TileImage],
+    scene: &Scene,
+    camera: &Camera,
+    view: &View,
+    exposure: &Exposure,
+    config: &RenderConfig,
+) -> Image {
+    let pixels = view.width * view.height;
+    let plane = || vec![0.0; pixels];
+    let mut image = Image {
+        width: view.width,
+        height: view.height,
+        rgb: [plane(), plane(), plane()],
+        expected_depth_m: plane(),
+        median_depth_m: plane(),
+        alpha: plane(),
+    };
+    let sky = SkyView::new(scene, camera, view);
+    let band = view.width * TILE;
+    let [red, green, blue] = &mut image.rgb;
+    red.par_chunks_mut(band)
+        .zip(green.par_chunks_mut(band))
+        .zip(blue.par_chunks_mut(band))
+        .zip(image.expected_depth_m.par_chunks_mut(band))
+        .zip(image.median_depth_m.par_chunks_mut(band))
+        .zip(image.alpha.par_chunks_mut(band))
+        .enumerate()
+        .for_each(
+            |(row, (((((red, green), blue), expected), median), alpha))| {
+                let band = Band {
+                    rgb: [red, green, blue],
+                    expected,
+                    median,
+                    alpha,
+                };
+                let tiles = &tiles[row * view.tile_columns()..(row + 1) * view.tile_columns()];
+                finish_band(band, tiles, row * TILE, view, &sky, exposure, config);
+            },
+        );
+    image
+}
+
+fn finish_band(
+    mut band: Band<'_>,
+    tiles: &[TileImage],
+    top: usize,
+    view: &View,
+    sky: &SkyView<'_>,
+    exposure: &Exposure,
+    config: &RenderConfig,
+) {
+    let rows = band.alpha.len() / view.width;
+    for row in 0..rows {
+        for column in 0..view.width {
+            let tile = &tiles[column / TILE];
+            let (cell, lane) = cell_of(row, column % TILE);
+            let at = |of: &Cells| of[cell][lane];
+            let transmittance = at(&tile.transmittance).abs();
+            let alpha = 1.0 - transmittance;
+            let background = sky.color(column, top + row, transmittance, config);
+            let color = std::array::from_fn(|c| at(&tile.rgb[c]) + background[c] * transmittance);
+            let color = exposure.apply(color);
+            let pixel = row * view.width + column;
+            for (plane, value) in band.rgb.iter_mut().zip(color) {
+                plane[pixel] = value;
+            }
+            band.expected[pixel] = match alpha >= config.min_depth_alpha {
+                true => at(&tile.depth) / alpha,
+                false => f32::NAN,
+            };
+            let median = at(&tile.median);
+            band.median[pixel] = if median > 0.0 { median } else { f32::NAN };
+            band.alpha[pixel] = alpha;
+        }
+    }
+}
+
+/// The background as a camera sees it.
+pub(super) struct SkyView<'a> {
+    background: &'a Background,
+    camera: &'a Camera,
+    view: &'a View,
+}
+
+impl<'a> SkyView<'a> {
+    pub(super) fn new(scene: &'a Scene, camera: &'a Camera, view: &'a View) -> Self {
+        Self {
+            background: &scene.background,
+            camera,
+            view,
+        }
+    }
+
+    /// Color at a pixel. A sky behind a complete pixel is not evaluated, but black.
+    pub(super) fn color(
+        &self,
+        column: usize,
+        row: usize,
+        transmittance: f32,
+        config: &RenderConfig,
+    ) -> [f32; 3] {
+        match self.background {
+            Background::Constant(color) => *color,
+            Background::Sky(_) if transmittance <= config.min_transmittance => [0.0; 3],
+            Background::Sky(sky) => match self.direction(column, row) {
+                Some(direction) => sky.color(direction),
+                None => [0.0; 3],
+            },
+        }
+    }
+
+    /// Direction of a pixel in the world, of any length.
+    pub(super) fn direction(&self, column: usize, row: usize) -> Option<[f32; 3]> {
+        let v = self.view;
+        let [x, y, z] = match self.view.lens {
+            None => [
+                (column as f32 - v.principal[0]) / v.focal[0],
+                (row as f32 - v.principal[1]) / v.focal[1],
+                1.0,
+            ],
+            Some(_) => {
+                let pixel = [column as f64, row as f64];
+                self.camera.lens().unproject(pixel)?.map(|v| v as f32)
+            }
+        };
+        let r = &v.rotation;
+        Some(std::array::from_fn(|k| {
+            r[0][k] * x + r[1][k] * y + r[2][k] * z
+        }))
+    }
+}

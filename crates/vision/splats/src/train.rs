@@ -1,0 +1,29 @@
+//! Training of a scene from images.
+//!
+//! [`Trainer`] holds the scene, its optimizer and the views; [`Trainer::step`] renders one view,
+//! compares it and corrects what it shows. Splitting and removal of Gaussians happen at fixed steps
+//! of a schedule; [`train`] decides by held-out views how many of them the scene needs.
+
+mod adam;
+mod config;
+mod evaluate;
+mod exposures;
+mod grow;
+mod loss;
+mod need;
+mod poses;
+mod schedule;
+mod start;
+#[cfg(test)]
+mod tests;
+mod trainer;
+mod view;
+
+pub use config::{
+    ExposureConfig, GrowthConfig, LossConfig, OptimizerConfig, PoseConfig, Preset, TrainConfig,
+};
+pub use evaluate::{Evaluation, psnr_db};
+pub use need::{GrowthCheck, TrainReport, train};
+pub use start::{StartPoint, splats_from_points};
+pub use trainer::{StepReport, Trainer};
+pub use view::TrainingView;

@@ -1,0 +1,77 @@
+//! Comparison of a scene with held-out views.
+
+use rayon::prelude::*;
+
+use super::view::TrainingView;
+use crate::render::{Image, Renderer};
+use crate::scene::Scene;
+
+/// Quality of a scene in views.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Evaluation {
+    /// PSNR of each view, dB; [`psnr_db`].
+    pub psnr_db: Vec<f64>,
+    /// Median over the pixels of all views of the relative error of the median depth, where both
+    /// are known; NaN without depths.
+    pub depth_error: f64,
+}
+
+impl Evaluation {
+    /// Mean of the views' PSNR, dB; NaN without views.
+    pub fn mean_psnr_db(&self) -> f64 {
+        self.psnr_db.iter().sum::<f64>() / self.psnr_db.len() as f64
+    }
+
+    /// Lowest PSNR, dB.
+    pub fn worst_psnr_db(&self) -> f64 {
+        self.psnr_db.iter().copied().fold(f64::INFINITY, f64::min)
+    }
+
+    /// Renders all views with their given poses and exposures.
+    pub fn new(renderer: &Renderer, scene: &Scene, views: &[TrainingView]) -> Self {
+        let all: Vec<(f64, Vec<f32>)> = views
+            .par_iter()
+            .map(|view| {
+                let image = renderer.render(scene, &view.camera, &view.exposure);
+                (psnr_db(&image, view), depth_errors(&image, view))
+            })
+            .collect();
+        let mut errors: Vec<f32> = all.iter().flat_map(|(_, errors)| errors).copied().collect();
+        let middle = errors.len() / 2;
+        let depth_error = match errors.is_empty() {
+            true => f64::NAN,
+            false => f64::from(*errors.select_nth_unstable_by(middle, f32::total_cmp).1),
+        };
+        Self {
+            psnr_db: all.into_iter().map(|(psnr, _)| psnr).collect(),
+            depth_error,
+        }
+    }
+}
+
+/// Peak signal-to-noise ratio of an image against a view, dB: `10 log₁₀(1 / MSE)` over usable
+/// pixels, the image clamped to 0 to 1 and rounded to 8 bits. At most that of one wrong step of 8
+/// bits in a tenth of the values.
+pub fn psnr_db(image: &Image, view: &TrainingView) -> f64 {
+    let mut sum = 0_u64;
+    for (c, plane) in image.rgb.iter().enumerate() {
+        for (pixel, value) in plane.iter().enumerate() {
+            if view.mask.get(pixel).copied().unwrap_or(true) {
+                // The cast saturates.
+                let rendered = libm::roundf(value * 255.0) as u8;
+                let difference = u64::from(rendered.abs_diff(view.rgb[3 * pixel + c]));
+                sum += difference * difference;
+            }
+        }
+    }
+    let mean = sum as f64 / (3 * view.valid_pixels().max(1)) as f64;
+    10.0 * libm::log10(255.0 * 255.0 / mean.max(0.1))
+}
+
+fn depth_errors(image: &Image, view: &TrainingView) -> Vec<f32> {
+    let usable = |pixel: usize| view.mask.get(pixel).copied().unwrap_or(true);
+    let both = image.median_depth_m.iter().zip(&view.depth_m).enumerate();
+    both.filter(|(pixel, (z, d))| usable(*pixel) && z.is_finite() && **d > 0.0)
+        .map(|(_, (z, d))| (z - d).abs() / d)
+        .collect()
+}

@@ -1,0 +1,48 @@
+//! Connected parts of a mesh.
+
+use super::triangles::Mesh;
+
+/// Sets of connected vertices (union-find with path halving).
+struct Sets(Vec<u32>);
+
+impl Sets {
+    fn root(&mut self, of: u32) -> u32 {
+        let mut at = of;
+        while self.0[at as usize] != at {
+            let above = self.0[self.0[at as usize] as usize];
+            self.0[at as usize] = above;
+            at = above;
+        }
+        at
+    }
+
+    fn join(&mut self, a: u32, b: u32) {
+        let (a, b) = (self.root(a), self.root(b));
+        // The lower number is the root, so the result does not depend on the order.
+        self.0[a.max(b) as usize] = a.min(b);
+    }
+}
+
+/// Removes connected parts of less than an area, and vertices of no triangle.
+pub(super) fn remove_small(mesh: &mut Mesh, min_m2: f64) {
+    let count = mesh.positions.len();
+    let mut sets = Sets((0..count as u32).collect());
+    for [a, b, c] in &mesh.triangles {
+        sets.join(*a, *b);
+        sets.join(*b, *c);
+    }
+    let mut areas = vec![0.0; count];
+    for triangle in &mesh.triangles {
+        areas[sets.root(triangle[0]) as usize] += mesh.area_m2(*triangle);
+    }
+    let mut keep_vertex = vec![false; count];
+    let mut keep_triangle = Vec::with_capacity(mesh.triangles.len());
+    for triangle in &mesh.triangles {
+        let keep = areas[sets.root(triangle[0]) as usize] >= min_m2;
+        keep_triangle.push(keep);
+        for i in triangle {
+            keep_vertex[*i as usize] |= keep;
+        }
+    }
+    mesh.retain(&keep_vertex, &keep_triangle);
+}

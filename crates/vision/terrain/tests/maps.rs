@@ -1,0 +1,233 @@
+//! Maps of analytic scenes.
+
+mod carpet;
+mod scene;
+
+use carpet::carpet;
+use scene::{GOING_M, HD720, Noise, RISE_M, Scene, Shot, Solid, climb, pose, shoot, stairs};
+use terrain::edges::{find_edges, snap};
+use terrain::evaluate::ErrorQuantiles;
+use terrain::fusion::Volume;
+use terrain::maps::{
+    CONTRADICTED, FILLED, FREE, GroundSample, KNOWN, Level, OCCUPIED, SAMPLED, UNKNOWN, build,
+};
+use terrain::mesh::Mesh;
+use terrain::planes::PlaneRefiner;
+use terrain::{EdgeConfig, FusionConfig, MapConfig, MeshConfig, PlaneConfig};
+
+fn mapped(shots: &[Shot], ground: &[GroundSample]) -> Vec<Level> {
+    let mut volume = Volume::new(FusionConfig::default()).unwrap();
+    shots
+        .iter()
+        .for_each(|shot| volume.add(&shot.view()).unwrap());
+    let mut mesh = Mesh::of(&volume, &MeshConfig::default());
+    let mut refiner = PlaneRefiner::new(&mesh, &PlaneConfig::default());
+    shots
+        .iter()
+        .for_each(|shot| refiner.add(&shot.view()).unwrap());
+    let planes = refiner.finish();
+    let edges = find_edges(&planes, &EdgeConfig::default());
+    snap(&mut mesh, &planes, &edges, 0.02);
+    build(&mesh, &edges, ground, &MapConfig::default())
+}
+
+fn noise(seed: u64) -> Noise {
+    Noise {
+        disparity_px: 0.15,
+        pose_m: 0.002,
+        pose_rad: 0.001,
+        seed,
+        ..scene::CLEAN
+    }
+}
+
+#[test]
+fn stairs_have_their_heights_edges_and_distances() {
+    let scene = stairs(4);
+    let levels = mapped(&climb(&scene, HD720, [-0.8, 0.8], 1.05, noise(2)), &[]);
+    assert_eq!(levels.len(), 1);
+    let level = &levels[0];
+    let inside = |index: usize| {
+        let [x, y] = level.center(index);
+        (-0.5..1.2).contains(&x) && y.abs() < 0.6
+    };
+    let known: Vec<usize> = (0..level.flags.len())
+        .filter(|i| inside(*i) && level.flags[*i] & KNOWN != 0)
+        .collect();
+    assert!(known.len() > 1000, "{}", known.len());
+    let heights = ErrorQuantiles::of(known.iter().map(|index| {
+        let [x, y] = level.center(*index);
+        f64::from(level.elevation[*index]) - scene.height(x, y).unwrap()
+    }));
+    println!("heights {heights:?}");
+    assert!(
+        heights.median_m < 0.003 && heights.p95_m < 0.010,
+        "{heights:?}"
+    );
+    // Distances to the nearest edge of the tread.
+    let distances = ErrorQuantiles::of(known.iter().filter_map(|index| {
+        let [x, _] = level.center(*index);
+        let truth = (x - GOING_M * (x / GOING_M).round()).abs();
+        let on_stairs = (0.02..3.0 * GOING_M).contains(&x) && truth > 0.01;
+        on_stairs.then(|| f64::from(level.distance[*index]) - truth)
+    }));
+    println!("distances {distances:?}");
+    assert!(distances.count > 300 && distances.median_m < 0.005 && distances.p95_m < 0.03);
+    // In the middle of a tread the ground is level; its edges are steps.
+    let middle = level.index(1.5 * GOING_M, 0.1).unwrap();
+    assert!(level.slope[middle] < 0.05 && level.roughness[middle] < 0.005);
+    let edge = level.index(2.0 * GOING_M - 0.02, 0.1).unwrap();
+    assert!(
+        (f64::from(level.step[edge]) - RISE_M).abs() < 0.02,
+        "{}",
+        level.step[edge]
+    );
+    let before = level.index(-0.3, 0.1).unwrap();
+    assert!(level.traversability[edge] < 0.3 && level.traversability[before] > 0.8);
+    assert_eq!(level.occupancy[middle], FREE);
+}
+
+#[test]
+fn unknown_is_not_free_and_obstacles_are_occupied() {
+    let floor = Scene {
+        solids: vec![Solid::Ground(|_, _| 0.0)],
+    };
+    let mut scene = floor.clone();
+    scene.solids.push(Solid::Box {
+        min: [0.9, -0.2, 0.0],
+        max: [1.2, 0.2, 0.6],
+        color: [0; 3],
+    });
+    let shots: Vec<Shot> = (0..3)
+        .map(|i| {
+            shoot(
+                &scene,
+                HD720,
+                pose([-0.2 + 0.1 * i as f64, 0.0, 1.4], 0.0, 0.8),
+                Default::default(),
+                noise(i),
+            )
+        })
+        .collect();
+    let levels = mapped(&shots, &[]);
+    let level = &levels[0];
+    let at = |x, y| level.occupancy[level.index(x, y).unwrap()];
+    assert_eq!(at(0.5, 0.0), FREE);
+    assert_eq!(at(0.9, 0.0), OCCUPIED);
+    // The shade behind the box.
+    assert_eq!(at(1.25, 0.0), UNKNOWN);
+    for i in 0..level.flags.len() {
+        assert!(level.has_height(i) || level.occupancy[i] != FREE);
+    }
+    let distance = |x, y| level.distance[level.index(x, y).unwrap()];
+    assert!(
+        (distance(0.6, 0.0) - 0.29).abs() < 0.05,
+        "{}",
+        distance(0.6, 0.0)
+    );
+    assert!(distance(1.25, 0.0) < 0.0);
+}
+
+#[test]
+fn small_holes_are_filled_and_flagged() {
+    let hole = |x: f64, y: f64, [cx, cy]: [f64; 2], [w, h]: [f64; 2]| {
+        (x - cx).abs() < 0.5 * w && (y - cy).abs() < 0.5 * h
+    };
+    let height = |x: f64, y: f64| {
+        let narrow = hole(x, y, [0.5, 0.5], [0.05, 0.3]);
+        let wide = hole(x, y, [1.2, 0.5], [0.3, 0.3]);
+        // A step beside the hole.
+        let at_step = hole(x, y, [0.5, 1.2], [0.05, 0.1]);
+        let step = if x > 0.5 && y > 1.0 { 0.1 } else { 0.0 };
+        (!narrow && !wide && !at_step).then_some(0.05 * x + step)
+    };
+    let levels = build(&carpet([90, 80], height), &[], &[], &MapConfig::default());
+    assert_eq!(levels.len(), 1);
+    let level = &levels[0];
+    let at = |x, y| level.index(x, y).unwrap();
+    let filled = at(0.5, 0.5);
+    assert_eq!(level.flags[filled] & (FILLED | KNOWN), FILLED);
+    assert!((level.elevation[filled] - 0.025).abs() < 0.003);
+    assert!(level.sigma[filled] >= 0.006);
+    assert!(level.elevation[at(1.2, 0.5)].is_nan(), "wide holes stay");
+    assert!(
+        level.elevation[at(0.5, 1.2)].is_nan(),
+        "holes at steps stay"
+    );
+    assert_eq!(level.occupancy[at(1.2, 0.5)], UNKNOWN);
+}
+
+#[test]
+fn floors_above_each_other_are_levels() {
+    // A bridge over a way.
+    let way = carpet([100, 100], |_, _| Some(0.0));
+    let bridge = carpet([100, 40], |_, _| Some(2.5));
+    let mut mesh = way.clone();
+    let first = mesh.positions.len() as u32;
+    mesh.positions
+        .extend(bridge.positions.iter().map(|p| [p[0], p[1] + 0.6, p[2]]));
+    mesh.normals.extend(&bridge.normals);
+    mesh.colors.extend(&bridge.colors);
+    mesh.sigma_m.extend(&bridge.sigma_m);
+    mesh.views.extend(&bridge.views);
+    mesh.triangles
+        .extend(bridge.triangles.iter().map(|t| t.map(|i| i + first)));
+    let walked = GroundSample {
+        position: [1.0, 1.0, 2.51],
+        sigma_m: 0.01,
+    };
+    let levels = build(&mesh, &[], &[walked], &MapConfig::default());
+    assert_eq!(levels.len(), 2);
+    // The level that was walked on comes first, though it is smaller.
+    let heights = [0, 1].map(|k| levels[k].elevation[levels[k].index(1.0, 1.0).unwrap()]);
+    assert!(
+        (heights[0] - 2.5).abs() < 0.01 && heights[1] == 0.0,
+        "{heights:?}"
+    );
+    let clearance = levels[1].clearance[levels[1].index(1.0, 1.0).unwrap()];
+    assert!((clearance - 2.5).abs() < 0.01, "{clearance}");
+    assert!(levels[1].clearance[levels[1].index(1.0, 0.2).unwrap()].is_infinite());
+    assert_ne!(
+        levels[0].flags[levels[0].index(1.0, 1.0).unwrap()] & SAMPLED,
+        0
+    );
+}
+
+#[test]
+fn ground_samples_give_heights_and_win() {
+    let hole = |x: f64, y: f64| (x - 1.0).hypot(y - 1.0) > 0.3;
+    let mesh = carpet([100, 100], |x, y| hole(x, y).then_some(0.0));
+    let sample = |position| GroundSample {
+        position,
+        sigma_m: 0.008,
+    };
+    let samples = [
+        // In the hole, where it is too wide to be filled; on the ground; in shallow water.
+        sample([1.0, 0.78, 0.004]),
+        sample([0.4, 0.4, 0.006]),
+        sample([1.7, 1.7, -0.12]),
+    ];
+    let level = &build(&mesh, &[], &samples, &MapConfig::default())[0];
+    let at = |x, y| level.index(x, y).unwrap();
+    assert_eq!(level.flags[at(1.0, 0.78)] & (SAMPLED | KNOWN), SAMPLED);
+    assert!((level.elevation[at(1.0, 0.78)] - 0.004).abs() < 1e-6);
+    assert_eq!(level.occupancy[at(1.0, 0.78)], FREE);
+    assert_eq!(level.occupancy[at(1.0, 1.0)], UNKNOWN);
+    assert!((level.elevation[at(0.4, 0.4)] - 0.0007).abs() < 3e-4);
+    assert_ne!(level.flags[at(1.7, 1.7)] & CONTRADICTED, 0);
+    assert!((level.elevation[at(1.7, 1.7)] + 0.12).abs() < 1e-6);
+}
+
+#[test]
+fn every_number_of_threads_gives_the_same_maps() {
+    let shots = climb(&stairs(2), scene::VGA, [-0.4, 0.2], 1.05, noise(2));
+    let on = |threads: usize| {
+        let pool = rayon::ThreadPoolBuilder::new()
+            .num_threads(threads)
+            .build()
+            .unwrap();
+        pool.install(|| mapped(&shots, &[]))
+    };
+    // NaN differs from itself.
+    assert_eq!(format!("{:?}", on(1)), format!("{:?}", on(3)));
+}
