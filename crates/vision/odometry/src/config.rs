@@ -87,8 +87,8 @@ impl Config {
                 config.backend.max_iterations = 2;
             }
             Preset::Balanced => {}
-            // Neither more features, whose errors are alike, nor a window that is optimized at every
-            // frame help: docs/decisions/0010-odometry.md.
+            // More features, whose errors are alike, do not help, nor does a window that is
+            // optimized at every frame: docs/decisions/0010-odometry.md.
             Preset::Accurate => {
                 config.backend.window_size = 12;
                 config.backend.max_iterations = 6;
