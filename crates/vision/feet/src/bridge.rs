@@ -45,7 +45,7 @@ pub fn bridge(
     nodes.retain(|time| (from_s..=to_s).contains(time));
     nodes.sort_by(f64::total_cmp);
     nodes.dedup();
-    let nodes = filled(&nodes);
+    let nodes = fill(&nodes);
     let accelerations = process.acceleration * process.acceleration;
     let rest = RowVector3::new(end_variance, 1e-6, accelerations);
     let mut state = State {
@@ -73,7 +73,7 @@ pub fn bridge(
         filtered.push(state);
         last_s = time_s;
     }
-    let smoothed = smoothed(&filtered, &predicted);
+    let smoothed = smooth(&filtered, &predicted);
     let of_time = |time: &f64| {
         let k = nodes
             .partition_point(|node| node < time)
@@ -127,7 +127,7 @@ fn step(process: Process, seconds: f64) -> (Matrix3<f64>, Matrix3<f64>) {
     (transition, noise)
 }
 
-fn smoothed(filtered: &[State], predicted: &[(State, Matrix3<f64>)]) -> Vec<State> {
+fn smooth(filtered: &[State], predicted: &[(State, Matrix3<f64>)]) -> Vec<State> {
     let mut smoothed = filtered.to_vec();
     for k in (0..filtered.len().saturating_sub(1)).rev() {
         let (prediction, transition) = &predicted[k + 1];
@@ -147,7 +147,7 @@ fn smoothed(filtered: &[State], predicted: &[(State, Matrix3<f64>)]) -> Vec<Stat
 }
 
 /// With further times where two are far apart.
-fn filled(nodes: &[f64]) -> Vec<f64> {
+fn fill(nodes: &[f64]) -> Vec<f64> {
     let mut filled: Vec<f64> = nodes.first().copied().into_iter().collect();
     for pair in nodes.windows(2) {
         let count = ((pair[1] - pair[0]) / MAX_STEP_S).ceil().max(1.0);
@@ -164,6 +164,7 @@ fn filled(nodes: &[f64]) -> Vec<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::test_noise::Noise;
 
     const PROCESS: Process = Process {
         acceleration: 8.0,
@@ -201,32 +202,22 @@ mod tests {
     #[test]
     fn errors_of_drawn_deviations_are_as_stated() {
         // Of drawn processes the late half is measured, and the early half compared.
-        let mut state = 1_u64;
-        let mut bell = move || {
-            let mut sum = -6.0;
-            for _ in 0..12 {
-                state = state
-                    .wrapping_mul(6_364_136_223_846_793_005)
-                    .wrapping_add(1);
-                sum += (state >> 11) as f64 / (1_u64 << 53) as f64;
-            }
-            sum
-        };
+        let mut noise = Noise::new(1);
         let (mut squares, count) = (0.0, 400);
         for _ in 0..count {
-            let (transition, noise) = step(PROCESS, 0.005);
-            let mut own = Vector3::new(0.0, 0.0, PROCESS.acceleration * bell());
+            let (transition, added) = step(PROCESS, 0.005);
+            let mut own = Vector3::new(0.0, 0.0, PROCESS.acceleration * noise.next());
             let mut path = vec![own[0]];
             for _ in 0..80 {
                 own = transition * own;
-                own[2] += noise[(2, 2)].sqrt() * bell();
+                own[2] += added[(2, 2)].sqrt() * noise.next();
                 path.push(own[0]);
             }
             let measured: Vec<Measurement> = (40..80)
                 .step_by(8)
                 .map(|k| Measurement {
                     time_s: 0.005 * k as f64,
-                    value: path[k] + 1e-3 * bell(),
+                    value: path[k] + 1e-3 * noise.next(),
                     variance: 1e-6,
                 })
                 .collect();

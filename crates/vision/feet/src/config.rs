@@ -45,7 +45,7 @@ config! {
         /// See `heel_m`.
         pub toe_m: f64 = 0.14,
         /// Standard deviation of the tilt of a sole, for the choice between the two poses of a tag
-        /// that images hardly tell apart, rad.
+        /// that images hardly distinguish, rad.
         pub level_sigma_rad: f64 = 0.2,
         /// Excess of the cost of a second pose that is as improbable as one standard deviation of
         /// that tilt: neighboring pixels share their errors.

@@ -43,7 +43,7 @@ pub struct Contact {
 
 /// What is seen of one foot.
 #[derive(Clone, Copy, Debug)]
-pub struct SeenFoot<'a> {
+pub struct FootStances<'a> {
     /// Its poses in frames, in order of time.
     pub observations: &'a [FootObservation],
     /// Its stances, see [`stances`](crate::stance::stances).
@@ -53,7 +53,7 @@ pub struct SeenFoot<'a> {
 }
 
 /// The contacts of both feet, left and right, from their stances.
-pub fn contacts(feet: [SeenFoot<'_>; 2], config: &EventConfig) -> [Vec<Contact>; 2] {
+pub fn contacts(feet: [FootStances<'_>; 2], config: &EventConfig) -> [Vec<Contact>; 2] {
     let strikes = feet.map(|foot| -> Vec<Strike> {
         let stances = 0..foot.stances.len();
         stances.map(|k| strike(&foot, k, config)).collect()
@@ -90,7 +90,7 @@ fn seconds(ns: i64) -> f64 {
 }
 
 /// Heel strike and foot flat of a stance.
-fn strike(foot: &SeenFoot<'_>, index: usize, config: &EventConfig) -> Strike {
+fn strike(foot: &FootStances<'_>, index: usize, config: &EventConfig) -> Strike {
     let stance = &foot.stances[index];
     let first_s = seconds(stance.times_ns[0]);
     let not_before_s = match index.checked_sub(1) {
@@ -132,7 +132,7 @@ fn strike(foot: &SeenFoot<'_>, index: usize, config: &EventConfig) -> Strike {
 /// Frames before a stance: time, s, distance of the heel from where it then rests, and the variance
 /// of that, m.
 fn approach(
-    foot: &SeenFoot<'_>,
+    foot: &FootStances<'_>,
     stance: &Stance,
     (not_before_s, first_s): (f64, f64),
     config: &EventConfig,
@@ -205,14 +205,14 @@ fn bearing_share(speed: f64) -> [f64; 2] {
 /// Share of a stride after which the heel lifts, and its standard deviation.
 const HEEL_LIFT_SHARE: [f64; 2] = [0.35, 0.06];
 /// Time from the last frame at rest until the toe leaves the ground where no other foot and no next
-/// step tells more, and its standard deviation, s.
+/// step determines it, and its standard deviation, s.
 const UNKNOWN_LIFT_S: [f64; 2] = [0.3, 0.15];
 /// Minimum time in the air, s.
 const MIN_SWING_S: f64 = 0.2;
 
 /// Heel off and toe off of a stance.
 fn lift(
-    foot: &SeenFoot<'_>,
+    foot: &FootStances<'_>,
     index: usize,
     own: &[Strike],
     other: &[Strike],
@@ -246,7 +246,7 @@ fn lift(
             (last_s + after_s, sigma_s)
         }
     };
-    let toe_off = behind(toe_off, last_s, latest_s);
+    let toe_off = mean_between(toe_off, last_s, latest_s);
     // The first frame after the stance in which the foot moves is not before the heel lifts.
     let moving_s = foot.observations.get(stance.observations.end);
     let moving_s = moving_s.map_or(f64::INFINITY, |own| seconds(own.time_ns));
@@ -256,7 +256,7 @@ fn lift(
         Some(stride_s) => (strike.time_s + lift_share * stride_s, lift_sigma * stride_s),
         None => (0.5 * (last_s + toe_off.0), UNKNOWN_LIFT_S[1]),
     };
-    let heel_off = behind(expected, last_s, toe_off.0.min(moving_s));
+    let heel_off = mean_between(expected, last_s, toe_off.0.min(moving_s));
     let event = |(time_s, sigma_s): (f64, f64), is_seen| Event {
         time_s,
         sigma_s,
@@ -266,7 +266,7 @@ fn lift(
 }
 
 /// A normally distributed time between two limits: mean and standard deviation.
-fn behind((time_s, sigma_s): (f64, f64), from_s: f64, to_s: f64) -> (f64, f64) {
+fn mean_between((time_s, sigma_s): (f64, f64), from_s: f64, to_s: f64) -> (f64, f64) {
     let to_s = to_s
         .max(from_s + STEP_S)
         .min(time_s.max(from_s) + 5.0 * sigma_s);

@@ -12,11 +12,14 @@ pub mod bridge;
 mod config;
 pub mod events;
 pub mod observation;
+mod poses;
 mod prediction;
 pub mod shoe;
 pub mod stance;
 pub mod swing;
 pub mod tag_tracker;
+#[cfg(test)]
+mod test_noise;
 pub mod track;
 
 pub use config::{

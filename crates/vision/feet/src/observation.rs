@@ -1,7 +1,7 @@
 //! The pose of a foot in the world, from one of its tags in a frame.
 //!
-//! Contract: of the two poses of a tag that images hardly tell apart, that one counts whose sole is
-//! more level. The covariance is that of the tag's pose; errors of the rig's pose are not in it.
+//! Contract: of the two poses of a tag that images hardly distinguish, that one counts whose sole
+//! is more level. The covariance is that of the tag's pose; errors of the rig's pose are not in it.
 
 use cad_transforms::{Covariance, RigidTransform};
 use nalgebra::Vector3;

@@ -5,6 +5,7 @@ use fiducials::Motion;
 use nalgebra::Vector3;
 
 use crate::config::PredictionConfig;
+use crate::poses;
 
 /// A foot at a time.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -85,6 +86,5 @@ pub(crate) fn moved(
             .ok()?;
     let at = pose.translation() + Vector3::from(velocity.linear) * seconds;
     let rotation = turn.rotation() * pose.rotation();
-    let q = rotation.quaternion();
-    RigidTransform::from_wxyz([q.w, q.i, q.j, q.k], at.into()).ok()
+    poses::pose(&rotation, &at)
 }

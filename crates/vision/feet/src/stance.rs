@@ -11,6 +11,7 @@ use cad_transforms::{Covariance, RigidTransform};
 use nalgebra::{Matrix6, Vector6};
 
 use crate::config::StanceConfig;
+use crate::poses::motion;
 
 /// A foot in the world at the time of a frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -209,12 +210,11 @@ fn stance(
     let [plane, normal, tilt, heading] = config.shared_sigma;
     let shared = [plane, plane, normal, tilt, tilt, heading].map(|sigma| sigma * sigma);
     let covariance = pose.1 + Matrix6::from_diagonal(&Vector6::from(shared));
-    let rows = std::array::from_fn(|i| std::array::from_fn(|j| covariance[(i, j)]));
     Some(Stance {
         times_ns: [run.start, run.end - 1].map(|k| observations[k].time_ns),
         observations: run,
         world_from_foot: pose.0,
-        covariance: Covariance::from_rows(rows).ok()?,
+        covariance: crate::poses::covariance(&covariance)?,
     })
 }
 
@@ -266,13 +266,6 @@ fn mean(run: &[FootObservation], config: &StanceConfig) -> (RigidTransform, Matr
         pose,
         information.try_inverse().unwrap_or_else(Matrix6::identity),
     )
-}
-
-/// Motion from a pose to another in the axes of the first: translation, rotation.
-pub(crate) fn motion(from: &RigidTransform, to: &RigidTransform) -> Vector6<f64> {
-    let motion = from.inverse() * *to;
-    let ([x, y, z], [a, b, c]) = (motion.translation_m(), motion.rotation_vector());
-    Vector6::new(x, y, z, a, b, c)
 }
 
 /// Distance, m, and angle, rad, of a motion.

@@ -14,6 +14,7 @@ use cad_transforms::RigidTransform;
 use nalgebra::{UnitQuaternion, Vector3};
 
 use crate::events::Contact;
+use crate::poses::pose;
 
 /// Phases of a swing at which shapes are known.
 const NODES: usize = 11;
@@ -83,11 +84,11 @@ impl<'a> UsualMotion<'a> {
             // The heel lifts slowly at first.
             let share = share(lift_s, off_s);
             let pitch = PITCH[0] * share * share;
-            return rolled(&self.from.stance.world_from_foot, self.sole.toe_m, pitch);
+            return roll(&self.from.stance.world_from_foot, self.sole.toe_m, pitch);
         }
         if time_s > strike_s {
             let pitch = PITCH[NODES - 1] * (1.0 - share(strike_s, flat_s));
-            return rolled(&self.to.stance.world_from_foot, -self.sole.heel_m, pitch);
+            return roll(&self.to.stance.world_from_foot, -self.sole.heel_m, pitch);
         }
         self.swing(share(off_s, strike_s))
     }
@@ -96,8 +97,8 @@ impl<'a> UsualMotion<'a> {
     fn swing(&self, phase: f64) -> RigidTransform {
         let toe = [self.sole.toe_m, 0.0, 0.0];
         let [a, b] = [&self.from, &self.to].map(|contact| contact.stance.world_from_foot);
-        let struck = rolled(&b, -self.sole.heel_m, PITCH[NODES - 1]);
-        let [from, to] = [a.apply(toe), struck.apply(toe)].map(Vector3::from);
+        let at_strike = roll(&b, -self.sole.heel_m, PITCH[NODES - 1]);
+        let [from, to] = [a.apply(toe), at_strike.apply(toe)].map(Vector3::from);
         let end_height = (self.sole.heel_m + self.sole.toe_m) * libm::sin(PITCH[NODES - 1]);
         // Heights are above the ground; that of the toe at the strike is in the pose already.
         let height = curve(&TOE_HEIGHT_M, phase)
@@ -114,7 +115,7 @@ impl<'a> UsualMotion<'a> {
 
 /// A foot that has rolled about an edge of its sole, at a distance before the middle, to an angle,
 /// toe up.
-fn rolled(world_from_foot: &RigidTransform, edge_m: f64, pitch: f64) -> RigidTransform {
+fn roll(world_from_foot: &RigidTransform, edge_m: f64, pitch: f64) -> RigidTransform {
     let rotation = turn(pitch);
     let edge = Vector3::new(edge_m, 0.0, 0.0);
     let shift = edge - rotation * edge;
@@ -127,11 +128,6 @@ fn rolled(world_from_foot: &RigidTransform, edge_m: f64, pitch: f64) -> RigidTra
 /// Rotation of a foot by an angle, toe up.
 fn turn(pitch: f64) -> UnitQuaternion<f64> {
     UnitQuaternion::from_axis_angle(&Vector3::y_axis(), -pitch)
-}
-
-pub(crate) fn pose(rotation: &UnitQuaternion<f64>, at: &Vector3<f64>) -> Option<RigidTransform> {
-    let q = rotation.quaternion();
-    RigidTransform::from_wxyz([q.w, q.i, q.j, q.k], (*at).into()).ok()
 }
 
 /// Cubic interpolation of a curve over a phase from 0 to 1 (Catmull-Rom).

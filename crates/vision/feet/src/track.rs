@@ -12,8 +12,9 @@ use nalgebra::{Matrix3, Matrix6, UnitQuaternion, Vector3};
 use crate::bridge::{Measurement, Process, bridge};
 use crate::config::SwingConfig;
 use crate::events::Contact;
-use crate::stance::{FootObservation, motion};
-use crate::swing::{SoleEdges, UsualMotion, pose};
+use crate::poses::{motion, pose};
+use crate::stance::FootObservation;
+use crate::swing::{SoleEdges, UsualMotion};
 
 /// How the pose of a foot is known.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -44,7 +45,7 @@ pub struct FootPose {
 
 /// What is known of one foot.
 #[derive(Clone, Copy, Debug)]
-pub struct KnownFoot<'a> {
+pub struct FootContacts<'a> {
     /// Its poses in frames, in order of time.
     pub observations: &'a [FootObservation],
     /// Its contacts, in order of time.
@@ -54,7 +55,11 @@ pub struct KnownFoot<'a> {
 }
 
 /// Poses of a foot at ordered times.
-pub fn foot_poses(foot: &KnownFoot<'_>, times_ns: &[i64], config: &SwingConfig) -> Vec<FootPose> {
+pub fn foot_poses(
+    foot: &FootContacts<'_>,
+    times_ns: &[i64],
+    config: &SwingConfig,
+) -> Vec<FootPose> {
     let mut poses = Vec::with_capacity(times_ns.len());
     let mut last = RigidTransform::identity();
     let mut next = 0;
@@ -135,7 +140,7 @@ fn lost_poses(
 
 /// Poses between two contacts.
 fn swing_poses(
-    foot: &KnownFoot<'_>,
+    foot: &FootContacts<'_>,
     [from, to]: [&Contact; 2],
     times_ns: &[i64],
     config: &SwingConfig,
@@ -190,11 +195,10 @@ fn swing_poses(
             }
             covariance[(i + 3, i + 3)] += variance[i + 3];
         }
-        let rows = std::array::from_fn(|i| std::array::from_fn(|j| covariance[(i, j)]));
         Some(FootPose {
             time_ns,
             world_from_foot,
-            covariance: Some(Covariance::from_rows(rows).ok()?),
+            covariance: Some(crate::poses::covariance(&covariance)?),
             status: match is_observed(foot.observations, time_ns, config) {
                 true => FootStatus::Observed,
                 false => FootStatus::Bridged,

@@ -31,7 +31,7 @@ config! {
         pub min_contrast_levels: f64 = 12.0,
         /// Maximum number of pixels of an eye that count, evenly spread over larger tags. Errors
         /// of the model, which all pixels share, limit the accuracy, not noise.
-        pub max_pixels: usize = 300,
+        pub max_pixels: usize = 500,
         /// Minimum share of the tag's cells inside the image.
         pub min_share: f64 = 0.5,
         /// Maximum number of wrong bits of a tag of known identity.

@@ -286,12 +286,12 @@ impl<'a> Fitter<'a> {
         let mut selections = vec![Selection::all(tag, self.config); self.views];
         let mut visible_share = vec![0.0; self.views];
         let mut wrong_bits = u32::MAX;
-        for (patterned, levels) in problem.patches.iter().zip(&state.levels) {
-            let eye = patterned.patch.eye;
+        for (own, levels) in problem.patches.iter().zip(&state.levels) {
+            let eye = own.patch.eye;
             let window = self.windows.iter().find(|own| own.eye == eye)?;
             let tone = levels.tone(state.tone);
-            let light = |point: &PlanePoint| patterned.pattern(tag, point.at, state.log_blur).value;
-            let light = (light, patterned.blur.own_share());
+            let light = |point: &PlanePoint| own.pattern(tag, point.at, state.log_blur).value;
+            let light = (light, own.blur.own_share());
             let cells = Cells::new(window, tag, pose, motion, (levels, &tone), light);
             visible_share[eye] = cells.visible_share();
             wrong_bits = wrong_bits.min(cells.wrong_bits(tag));

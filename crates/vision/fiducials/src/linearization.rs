@@ -94,14 +94,14 @@ impl Linearization {
 
 /// What is fitted.
 pub(crate) struct Problem<'a> {
-    pub(crate) patches: Vec<PatternedPatch<'a>>,
+    pub(crate) patches: Vec<PatchModel<'a>>,
     tag: &'a Tag,
     motion: &'a Motion,
     config: &'a Config,
 }
 
 /// Pixels of an eye, and the pattern that they are compared with.
-pub(crate) struct PatternedPatch<'a> {
+pub(crate) struct PatchModel<'a> {
     pub(crate) patch: Patch<'a>,
     pub(crate) blur: Blur,
     /// Eyes with similar blur have the same one.
@@ -111,7 +111,7 @@ pub(crate) struct PatternedPatch<'a> {
     log_blur: f64,
 }
 
-impl PatternedPatch<'_> {
+impl PatchModel<'_> {
     /// The pattern at a place of the tag's plane, with derivatives per metre.
     pub(crate) fn pattern(&self, tag: &Tag, at: [f64; 2], log_blur: f64) -> PatternSample {
         let per_m = 1.0 / tag.cell_m();
@@ -161,7 +161,7 @@ impl<'a> Problem<'a> {
                 Some((own, growth)) => (Rc::clone(&own.template), growth),
                 None => (Rc::new(Template::new(self.tag, &blur)), 0.0),
             };
-            self.patches.push(PatternedPatch {
+            self.patches.push(PatchModel {
                 patch,
                 blur,
                 template,
@@ -175,7 +175,7 @@ impl<'a> Problem<'a> {
     /// show its front.
     fn for_each(
         &self,
-        own: &PatternedPatch<'_>,
+        own: &PatchModel<'_>,
         pose: &RigidTransform,
         mut each: impl FnMut(&Pixel, &PlanePoint),
     ) {
@@ -189,7 +189,7 @@ impl<'a> Problem<'a> {
     /// Patterns by patch at a pose and the logarithm of a blur; `None` if a pixel does not show the
     /// front of the tag.
     pub(crate) fn patterns(&self, pose: &RigidTransform, log_blur: f64) -> Option<Vec<Patterns>> {
-        let of_patch = |own: &PatternedPatch<'_>| {
+        let of_patch = |own: &PatchModel<'_>| {
             let mut patterns = Vec::with_capacity(own.patch.pixels.len());
             self.for_each(own, pose, |pixel, point| {
                 let pattern = own.pattern(self.tag, point.at, log_blur);
@@ -230,7 +230,7 @@ impl<'a> Problem<'a> {
     /// Residuals of all pixels at a state, with derivatives; `None` if one of them does not show
     /// the front of the tag: with fewer residuals a state would have a lower cost.
     pub(crate) fn evaluate(&self, state: &State) -> Option<Evaluation> {
-        let of_patch = |(own, levels): (&PatternedPatch<'_>, &Levels)| {
+        let of_patch = |(own, levels): (&PatchModel<'_>, &Levels)| {
             let model = LevelModel::new(levels, state.tone);
             let mut residuals = Residuals::default();
             self.for_each(own, &state.pose, |pixel, point| {

@@ -33,7 +33,7 @@ pub enum Preset {
     Fast,
     /// The knee of the curve of error against time.
     Balanced,
-    /// Most accurate.
+    /// A larger window of more keyframes.
     Accurate,
 }
 
@@ -71,7 +71,7 @@ impl Config {
     ///
     /// let [fast, accurate] = [Preset::Fast, Preset::Accurate].map(Config::preset);
     /// assert!(fast.backend.window_size < accurate.backend.window_size);
-    /// assert!(!fast.backend.optimize_every_frame && accurate.backend.optimize_every_frame);
+    /// assert!(fast.backend.max_iterations < accurate.backend.max_iterations);
     ///
     /// // One value of a preset replaced: images of a camera with large pixels.
     /// let mut own = Config::preset(Preset::Balanced);
@@ -87,12 +87,11 @@ impl Config {
                 config.backend.max_iterations = 2;
             }
             Preset::Balanced => {}
-            // More features do not help: their errors are alike, so that sigmas, which take them as
-            // independent, were too small with 220 of them, and the drift larger.
+            // More features, whose errors are alike, do not help, nor does a window that is
+            // optimized at every frame: docs/decisions/0010-odometry.md.
             Preset::Accurate => {
                 config.backend.window_size = 12;
                 config.backend.max_iterations = 6;
-                config.backend.optimize_every_frame = true;
                 config.estimator.keyframes.min_parallax = 9.0 / 672.0;
             }
         }

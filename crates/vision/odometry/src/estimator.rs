@@ -409,10 +409,7 @@ impl Odometry {
 
     /// Whether the whole window is optimized for the next frame set, keyframe or not.
     fn optimizes_every_frame(&self, time_ns: i64) -> bool {
-        let config = &self.config.backend;
-        config.optimize_every_frame
-            || self.number <= config.initial_frames
-            || !self.is_tilt_known(time_ns)
+        self.number <= self.config.backend.initial_frames || !self.is_tilt_known(time_ns)
     }
 
     /// Whether the tilt is known as well as it is going to be; without an IMU it always is.

@@ -3,7 +3,8 @@
 #[path = "../tests/scene/mod.rs"]
 mod scene;
 
-use scene::score::{noise, p95, planes_of, score, total, walk};
+use scene::score::{noise, p95, score, total, walk};
+use scene::surface::surface_of;
 use scene::{HD720, Noise, VGA};
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -49,7 +50,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
                             ..of
                         },
                     );
-                    score(&planes_of(&shots).1, 4)
+                    score(&surface_of(&shots).2, 4)
                 }));
                 let share = all.within as f64 / (2 * all.heights.len().max(1)) as f64;
                 let [height, place] = [&all.heights, &all.places].map(|of| match of.is_empty() {

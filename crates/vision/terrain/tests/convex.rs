@@ -2,28 +2,15 @@
 
 mod scene;
 
+use scene::surface::snapped_surface_of;
 use scene::{Camera, HD720, Noise, RISE_M, Scene, Shot, Solid, climb, stairs};
 use terrain::convex::{Collision, collision_parts};
-use terrain::edges::{find_edges, snap};
-use terrain::fusion::Volume;
 use terrain::maps::build;
-use terrain::mesh::Mesh;
-use terrain::planes::{PlaneRefiner, Planes};
-use terrain::{ConvexConfig, EdgeConfig, FusionConfig, MapConfig, MeshConfig, PlaneConfig};
+use terrain::planes::Planes;
+use terrain::{ConvexConfig, MapConfig};
 
 fn collision(shots: &[Shot], configs: &[ConvexConfig]) -> (Planes, Vec<Collision>) {
-    let mut volume = Volume::new(FusionConfig::default()).unwrap();
-    shots
-        .iter()
-        .for_each(|shot| volume.add(&shot.view()).unwrap());
-    let mut mesh = Mesh::of(&volume, &MeshConfig::default());
-    let mut refiner = PlaneRefiner::new(&mesh, &PlaneConfig::default());
-    shots
-        .iter()
-        .for_each(|shot| refiner.add(&shot.view()).unwrap());
-    let planes = refiner.finish();
-    let edges = find_edges(&planes, &EdgeConfig::default());
-    snap(&mut mesh, &planes, &edges, 0.02);
+    let (mesh, planes, edges) = snapped_surface_of(shots);
     let levels = build(&mesh, &edges, &[], &MapConfig::default());
     let all = configs
         .iter()

@@ -4,30 +4,16 @@ mod carpet;
 mod scene;
 
 use carpet::carpet;
+use scene::surface::snapped_surface_of;
 use scene::{GOING_M, HD720, Noise, RISE_M, Scene, Shot, Solid, climb, pose, shoot, stairs};
-use terrain::edges::{find_edges, snap};
+use terrain::MapConfig;
 use terrain::evaluate::ErrorQuantiles;
-use terrain::fusion::Volume;
 use terrain::maps::{
     CONTRADICTED, FILLED, FREE, GroundSample, KNOWN, Level, OCCUPIED, SAMPLED, UNKNOWN, build,
 };
-use terrain::mesh::Mesh;
-use terrain::planes::PlaneRefiner;
-use terrain::{EdgeConfig, FusionConfig, MapConfig, MeshConfig, PlaneConfig};
 
 fn mapped(shots: &[Shot], ground: &[GroundSample]) -> Vec<Level> {
-    let mut volume = Volume::new(FusionConfig::default()).unwrap();
-    shots
-        .iter()
-        .for_each(|shot| volume.add(&shot.view()).unwrap());
-    let mut mesh = Mesh::of(&volume, &MeshConfig::default());
-    let mut refiner = PlaneRefiner::new(&mesh, &PlaneConfig::default());
-    shots
-        .iter()
-        .for_each(|shot| refiner.add(&shot.view()).unwrap());
-    let planes = refiner.finish();
-    let edges = find_edges(&planes, &EdgeConfig::default());
-    snap(&mut mesh, &planes, &edges, 0.02);
+    let (mesh, _, edges) = snapped_surface_of(shots);
     build(&mesh, &edges, ground, &MapConfig::default())
 }
 

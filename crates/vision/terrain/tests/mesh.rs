@@ -2,19 +2,9 @@
 
 mod scene;
 
+use scene::surface::mesh_of;
 use scene::{HD720, Noise, RISE_M, Scene, Shot, Solid, climb, pose, shoot, stairs};
 use terrain::evaluate::{height_errors, surface_errors, two_sigma_share};
-use terrain::fusion::Volume;
-use terrain::mesh::Mesh;
-use terrain::{FusionConfig, MeshConfig};
-
-fn meshed(shots: &[Shot]) -> Mesh {
-    let mut volume = Volume::new(FusionConfig::default()).unwrap();
-    for shot in shots {
-        volume.add(&shot.view()).unwrap();
-    }
-    Mesh::of(&volume, &MeshConfig::default())
-}
 
 fn stairs_shots(disparity_px: f64) -> Vec<Shot> {
     let noise = Noise {
@@ -34,7 +24,7 @@ fn stairs_shots(disparity_px: f64) -> Vec<Shot> {
 #[test]
 fn stairs_stay_stairs() {
     let scene = stairs(4);
-    let mesh = meshed(&stairs_shots(0.15));
+    let mesh = mesh_of(&stairs_shots(0.15));
     let errors = surface_errors(&mesh, |p| scene.distance(p));
     println!("surface {errors:?}");
     assert!(
@@ -80,7 +70,7 @@ fn unseen_risers_are_holes() {
     };
     let scene = stairs(3);
     let shots = climb(&scene, HD720, [0.8, -0.4], 1.3, noise);
-    let mesh = meshed(&shots);
+    let mesh = mesh_of(&shots);
     let riser = |p: &[f32; 3]| {
         // Between two treads, in the plane of the riser.
         let height = f64::from(p[2]).rem_euclid(RISE_M);
@@ -114,7 +104,7 @@ fn the_shade_of_a_shoe_is_a_hole() {
     for pixel in (0..width * height).filter(|pixel| inside(*pixel)) {
         shot.depth_m[pixel] = f32::NAN;
     }
-    let mesh = meshed(&[shot]);
+    let mesh = mesh_of(&[shot]);
     // Center of the hole on the floor: 17 degrees ahead of straight down.
     let in_hole = |p: &&[f32; 3]| (p[0] - 0.33).abs() < 0.1 && p[1].abs() < 0.05;
     assert_eq!(mesh.positions.iter().filter(in_hole).count(), 0);
@@ -137,7 +127,7 @@ fn every_number_of_threads_gives_the_same_mesh() {
             .num_threads(threads)
             .build()
             .unwrap();
-        pool.install(|| meshed(&shots[..3]))
+        pool.install(|| mesh_of(&shots[..3]))
     };
     assert_eq!(on(1), on(3));
 }

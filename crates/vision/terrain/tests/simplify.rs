@@ -4,29 +4,11 @@ mod carpet;
 mod scene;
 
 use carpet::carpet;
-use scene::{Noise, Shot, VGA, climb, stairs};
-use terrain::edges::{find_edges, snap};
-use terrain::fusion::Volume;
+use scene::surface::snapped_surface_of;
+use scene::{Noise, VGA, climb, stairs};
+use terrain::SimplifyConfig;
 use terrain::mesh::Mesh;
-use terrain::planes::PlaneRefiner;
 use terrain::simplify::{collapse, height_errors, simplify};
-use terrain::{EdgeConfig, FusionConfig, MeshConfig, PlaneConfig, SimplifyConfig};
-
-fn snapped(shots: &[Shot]) -> Mesh {
-    let mut volume = Volume::new(FusionConfig::default()).unwrap();
-    shots
-        .iter()
-        .for_each(|shot| volume.add(&shot.view()).unwrap());
-    let mut mesh = Mesh::of(&volume, &MeshConfig::default());
-    let mut refiner = PlaneRefiner::new(&mesh, &PlaneConfig::default());
-    shots
-        .iter()
-        .for_each(|shot| refiner.add(&shot.view()).unwrap());
-    let planes = refiner.finish();
-    let edges = find_edges(&planes, &EdgeConfig::default());
-    snap(&mut mesh, &planes, &edges, 0.02);
-    mesh
-}
 
 const NOISE: Noise = Noise {
     disparity_px: 0.1,
@@ -38,7 +20,7 @@ const NOISE: Noise = Noise {
 
 #[test]
 fn stairs_need_few_triangles() {
-    let mesh = snapped(&climb(&stairs(3), VGA, [-0.6, 0.6], 1.0, NOISE));
+    let (mesh, ..) = snapped_surface_of(&climb(&stairs(3), VGA, [-0.6, 0.6], 1.0, NOISE));
     let (simplified, report) = simplify(&mesh, &SimplifyConfig::default());
     println!("{report:?}");
     assert!(
@@ -79,7 +61,7 @@ fn rough_ground_keeps_more_triangles_than_smooth_ground() {
 
 #[test]
 fn simplification_is_deterministic_and_holes_stay_holes() {
-    let mesh = snapped(&climb(&stairs(2), VGA, [-0.4, 0.2], 1.0, NOISE));
+    let (mesh, ..) = snapped_surface_of(&climb(&stairs(2), VGA, [-0.4, 0.2], 1.0, NOISE));
     let simplified = collapse(&mesh, 0.004);
     assert_eq!(simplified, collapse(&mesh, 0.004));
     // Euler characteristic: each hole and each part counts.

@@ -2,13 +2,13 @@
 
 mod scene;
 
-use scene::score::{noise, p95, planes_of, score, total, walk};
+use scene::score::{noise, p95, score, total, walk};
+use scene::surface::surface_of;
 use scene::{Camera, GOING_M, HD720, Noise, RISE_M, Scene, Solid, VGA, climb, shoot, stairs};
-use terrain::edges::{EdgeKind, find_edges, snap};
-use terrain::fusion::Volume;
+use terrain::PlaneConfig;
+use terrain::edges::{EdgeKind, snap};
 use terrain::mesh::Mesh;
 use terrain::planes::PlaneRefiner;
-use terrain::{EdgeConfig, FusionConfig, MeshConfig, PlaneConfig};
 
 fn check(name: &str, camera: Camera, up: bool, disparity_px: f64, limits: [f64; 2]) {
     check_with(name, camera, up, noise(disparity_px, 0), limits);
@@ -20,7 +20,7 @@ fn check_with(name: &str, camera: Camera, up: bool, of: Noise, limits: [f64; 2])
     let scores = (0..walks).map(|seed| {
         let seed = seed + 1;
         let shots = walk(camera, 4, up, Noise { seed, ..of });
-        score(&planes_of(&shots).1, 4)
+        score(&surface_of(&shots).2, 4)
     });
     let score = total(scores);
     let [height, place] = [p95(&score.heights), p95(&score.places)];
@@ -90,17 +90,7 @@ fn foreground_that_is_too_wide_moves_ends_by_its_width() {
 #[test]
 fn vertices_snap_to_planes_and_edges() {
     let shots = walk(HD720, 3, true, noise(0.15, 3));
-    let mut volume = Volume::new(FusionConfig::default()).unwrap();
-    shots
-        .iter()
-        .for_each(|shot| volume.add(&shot.view()).unwrap());
-    let mut mesh = Mesh::of(&volume, &MeshConfig::default());
-    let mut refiner = PlaneRefiner::new(&mesh, &PlaneConfig::default());
-    shots
-        .iter()
-        .for_each(|shot| refiner.add(&shot.view()).unwrap());
-    let planes = refiner.finish();
-    let edges = find_edges(&planes, &EdgeConfig::default());
+    let (mut mesh, planes, edges) = surface_of(&shots);
     let scene = stairs(3);
     let errors = |mesh: &Mesh| {
         terrain::evaluate::surface_errors(mesh, |p| {
@@ -125,7 +115,7 @@ fn vertices_snap_to_planes_and_edges() {
 
 #[test]
 fn treads_have_the_area_of_treads() {
-    let (planes, edges) = planes_of(&walk(HD720, 4, true, noise(0.1, 7)));
+    let (_, planes, edges) = surface_of(&walk(HD720, 4, true, noise(0.1, 7)));
     let tread = planes
         .planes
         .iter()
@@ -163,7 +153,7 @@ fn smooth_and_rough_ground_have_no_edges() {
             wide_px: 0,
         };
         let shots = climb(&scene, small, [0.0, 2.0], 1.1, noise(0.15, 11));
-        let (planes, edges) = planes_of(&shots);
+        let (_, planes, edges) = surface_of(&shots);
         println!(
             "{name}: {} planes, {} edges",
             planes.planes.len(),
@@ -181,7 +171,7 @@ fn every_number_of_threads_gives_the_same_planes_and_edges() {
             .num_threads(threads)
             .build()
             .unwrap();
-        pool.install(|| planes_of(&shots))
+        pool.install(|| surface_of(&shots))
     };
     assert!(on(1) == on(3));
 }

@@ -3,6 +3,7 @@ use cad_transforms::{Covariance, RigidTransform};
 use super::*;
 use crate::GaitConfig;
 use crate::stance::stances;
+use crate::test_noise::Noise;
 
 const HEEL_M: f64 = 0.14;
 const STRIDE_S: f64 = 1.1;
@@ -11,17 +12,7 @@ const BEARING_S: f64 = 0.66;
 /// A foot that strikes at a phase of each stride: its heel comes down along a parabola in time, the
 /// foot rolls to the ground in 70 ms, and is hidden from when it lifts until late in its swing.
 fn foot(strike_s: f64, rate_hz: f64, noise_m: f64, seed: u64) -> Vec<FootObservation> {
-    let mut state = seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) | 1;
-    let mut draw = move || {
-        let mut sum = -6.0;
-        for _ in 0..12 {
-            state ^= state << 13;
-            state ^= state >> 7;
-            state ^= state << 17;
-            sum += (state >> 11) as f64 / (1_u64 << 53) as f64;
-        }
-        sum
-    };
+    let mut noise = Noise::new(seed);
     let covariance = Covariance::from_sigmas([noise_m; 3], [0.015; 3]).unwrap();
     let frames = (0..(12.0 * rate_hz) as i64).filter_map(|n| {
         let t = n as f64 / rate_hz;
@@ -41,8 +32,8 @@ fn foot(strike_s: f64, rate_hz: f64, noise_m: f64, seed: u64) -> Vec<FootObserva
         let heel = [1.4 * step - before, 0.1, 0.3 * before];
         let turn = RigidTransform::from_rotation_vector([0.0, pitch, 0.0], [0.0; 3]).unwrap();
         let middle = turn.apply([HEEL_M, 0.0, 0.0]);
-        let at = std::array::from_fn(|k| heel[k] + middle[k] + noise_m * draw());
-        let noisy = [0.0, pitch, 0.0].map(|angle| angle + 0.015 * draw());
+        let at = std::array::from_fn(|k| heel[k] + middle[k] + noise_m * noise.next());
+        let noisy = [0.0, pitch, 0.0].map(|angle| angle + 0.015 * noise.next());
         Some(FootObservation {
             time_ns: (t * 1e9).round() as i64,
             world_from_foot: RigidTransform::from_rotation_vector(noisy, at).unwrap(),
@@ -61,7 +52,7 @@ fn errors(rate_hz: f64, noise_m: f64) -> [Vec<[f64; 2]>; 2] {
         let begins = [phase, phase + 0.5 * STRIDE_S];
         let seen = begins.map(|begin| foot(begin, rate_hz, noise_m, 7 + seed));
         let found = [0, 1].map(|k: usize| stances(&seen[k], &config.stance));
-        let feet = [0, 1].map(|k: usize| SeenFoot {
+        let feet = [0, 1].map(|k: usize| FootStances {
             observations: &seen[k],
             stances: &found[k],
             heel_m: HEEL_M,
@@ -141,12 +132,12 @@ fn a_single_stance_has_all_events_in_order() {
     let config = GaitConfig::default();
     let found = stances(&seen[..8], &config.stance);
     assert_eq!(found.len(), 1);
-    let foot = SeenFoot {
+    let foot = FootStances {
         observations: &seen[..8],
         stances: &found,
         heel_m: HEEL_M,
     };
-    let none = SeenFoot {
+    let none = FootStances {
         observations: &[],
         stances: &[],
         heel_m: HEEL_M,

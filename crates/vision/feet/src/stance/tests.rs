@@ -1,22 +1,6 @@
 use super::*;
 use crate::GaitConfig;
-
-/// Uniform numbers from 0 to 1, and sums of them that are nearly normal.
-struct Draw(u64);
-
-impl Draw {
-    fn next(&mut self) -> f64 {
-        self.0 = self
-            .0
-            .wrapping_mul(6_364_136_223_846_793_005)
-            .wrapping_add(1_442_695_040_888_963_407);
-        (self.0 >> 11) as f64 / (1_u64 << 53) as f64
-    }
-
-    fn bell(&mut self) -> f64 {
-        (0..12).map(|_| self.next()).sum::<f64>() - 6.0
-    }
-}
+use crate::test_noise::Noise;
 
 const NOISE_M: f64 = 0.005;
 const NOISE_RAD: f64 = 0.02;
@@ -27,14 +11,14 @@ fn observed(
     seed: u64,
     pose: impl Fn(f64) -> Option<([f64; 3], [f64; 3])>,
 ) -> Vec<FootObservation> {
-    let mut draw = Draw(seed);
+    let mut draw = Noise::new(seed);
     let covariance = Covariance::from_sigmas([NOISE_M; 3], [NOISE_RAD; 3]).unwrap();
     let times = (0..(seconds * 15.0) as i64).map(|n| n as f64 / 15.0);
     let frames = times.filter_map(|t| Some((t, pose(t)?)));
     frames
         .map(|(t, (position, rotation))| {
             let truth = RigidTransform::from_rotation_vector(rotation, position).unwrap();
-            let mut noise = |sigma: f64| [0, 1, 2].map(|_| sigma * draw.bell());
+            let mut noise = |sigma: f64| [0, 1, 2].map(|_| sigma * draw.next());
             let (shift, turn) = (noise(NOISE_M), noise(NOISE_RAD));
             let error = RigidTransform::from_rotation_vector(turn, shift).unwrap();
             FootObservation {

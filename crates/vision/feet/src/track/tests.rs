@@ -1,7 +1,8 @@
 use super::*;
 use crate::GaitConfig;
-use crate::events::{Event, SeenFoot, contacts};
+use crate::events::{Event, FootStances, contacts};
 use crate::stance::stances;
+use crate::test_noise::Noise;
 
 const SOLE: SoleEdges = SoleEdges {
     heel_m: 0.13,
@@ -46,22 +47,12 @@ fn is_visible(t: f64) -> bool {
 
 fn seen(rate_hz: f64) -> Vec<FootObservation> {
     let covariance = Covariance::from_sigmas([0.004; 3], [0.015; 3]).unwrap();
-    let mut state = 3_u64;
-    let mut bell = move || {
-        let mut sum = -6.0;
-        for _ in 0..12 {
-            state = state
-                .wrapping_mul(6_364_136_223_846_793_005)
-                .wrapping_add(1);
-            sum += (state >> 11) as f64 / (1_u64 << 53) as f64;
-        }
-        sum
-    };
+    let mut noise = Noise::new(3);
     let frames = (0..(11.0 * rate_hz) as i64).map(|n| n as f64 / rate_hz);
     let frames = frames.filter(|t| is_visible(*t));
     frames
         .map(|t| {
-            let [shift, turn] = [0.004, 0.015].map(|sigma| [0, 1, 2].map(|_| sigma * bell()));
+            let [shift, turn] = [0.004, 0.015].map(|sigma| [0, 1, 2].map(|_| sigma * noise.next()));
             let error = RigidTransform::from_rotation_vector(turn, shift).unwrap();
             FootObservation {
                 time_ns: (t * 1e9).round() as i64,
@@ -78,18 +69,18 @@ fn hidden_swings_are_bridged_with_honest_covariance() {
     let observations = seen(30.0);
     let stances = stances(&observations, &config.stance);
     assert_eq!(stances.len(), 10);
-    let other = SeenFoot {
+    let other = FootStances {
         observations: &[],
         stances: &[],
         heel_m: SOLE.heel_m,
     };
-    let own = SeenFoot {
+    let own = FootStances {
         observations: &observations,
         stances: &stances,
         heel_m: SOLE.heel_m,
     };
     let [contacts, _] = contacts([own, other], &config.events);
-    let foot = KnownFoot {
+    let foot = FootContacts {
         observations: &observations,
         contacts: &contacts,
         sole: SOLE,
@@ -150,7 +141,7 @@ fn a_foot_without_a_next_contact_is_lost() {
         heel_off: event(1.5),
         toe_off: event(1.75),
     };
-    let foot = KnownFoot {
+    let foot = FootContacts {
         observations: &observations,
         contacts: std::slice::from_ref(&contact),
         sole: SOLE,

@@ -10,9 +10,8 @@ config! {
         pub window_size: usize = 8,
         /// Maximum number of solver iterations for a keyframe.
         pub max_iterations: usize = 4,
-        /// Whether the whole window is optimized for every frame set, and not for keyframes only.
-        pub optimize_every_frame: bool = false,
-        /// Number of initial frame sets for which it always is.
+        /// Number of initial frame sets for which the whole window is optimized, keyframes or not.
+        /// Later that makes poses worse: docs/decisions/0010-odometry.md.
         pub initial_frames: u64 = 12,
         /// Tilt sigma of the solver above which it always is, rad. Until a walk changes its
         /// heading, gravity does not separate tilt and accelerometer bias, and states with a wrong

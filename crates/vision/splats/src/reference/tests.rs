@@ -168,6 +168,11 @@ fn difference(of: impl Fn(f64) -> f64, step: f64) -> f64 {
     (4.0 * at(step) - at(2.0 * step)) / 3.0
 }
 
+/// Size of the largest gradient.
+fn largest(gradients: &[f64]) -> f64 {
+    gradients.iter().map(|v| v.abs()).fold(0.0, f64::max)
+}
+
 fn check(name: &str, what: &str, found: f64, expected: f64, size: f64) {
     let tolerance = 2e-6 * (size + expected.abs());
     assert!(
@@ -189,10 +194,7 @@ fn gradients_equal_finite_differences_for_every_parameter() {
         let found = backward(scene, camera, &exposure(), config, &w);
         let mut changed = 0;
         for plane in 0..scene.planes.len() {
-            let size = found.planes[plane]
-                .iter()
-                .map(|v| v.abs())
-                .fold(0.0, f64::max);
+            let size = largest(&found.planes[plane]);
             for index in 0..scene.planes[plane].len() {
                 let at = |h: f64| {
                     let mut moved = scene.clone();
@@ -236,7 +238,7 @@ fn gradients_of_pose_and_exposure_equal_finite_differences() {
                 let camera = camera.clone().with_pose(moved);
                 loss(&render(scene, &camera, &exposure(), config), &w)
             };
-            let size = found.motion.iter().map(|v| v.abs()).fold(0.0, f64::max);
+            let size = largest(found.motion.as_slice());
             check(
                 name,
                 &format!("motion {k}"),
@@ -247,12 +249,7 @@ fn gradients_of_pose_and_exposure_equal_finite_differences() {
         }
         // The loss is linear in the matrix.
         let base = loss(&render(scene, camera, &exposure(), config), &w);
-        let size = found
-            .exposure
-            .as_flattened()
-            .iter()
-            .map(|v| v.abs())
-            .fold(0.0, f64::max);
+        let size = largest(found.exposure.as_flattened());
         for k in 0..12 {
             let (row, column) = (k / 4, k % 4);
             let mut e = exposure();

@@ -3,6 +3,7 @@
 #![allow(dead_code, unreachable_pub, reason = "each test uses a part")]
 
 pub mod score;
+pub mod surface;
 
 use cad_transforms::RigidTransform;
 use counter_random::bell;

@@ -1,27 +1,8 @@
-//! Steps of analytic stairs, and how well edges tell them.
+//! Steps of analytic stairs: errors of those that edges have.
 
-use terrain::edges::{Edge, find_edges};
-use terrain::fusion::Volume;
-use terrain::mesh::Mesh;
-use terrain::planes::{PlaneRefiner, Planes};
-use terrain::{EdgeConfig, FusionConfig, MeshConfig, PlaneConfig};
+use terrain::edges::Edge;
 
 use super::{CLEAN, Camera, GOING_M, Noise, RISE_M, Shot, climb, stairs};
-
-pub fn planes_of(shots: &[Shot]) -> (Planes, Vec<Edge>) {
-    let mut volume = Volume::new(FusionConfig::default()).unwrap();
-    for shot in shots {
-        volume.add(&shot.view()).unwrap();
-    }
-    let mesh = Mesh::of(&volume, &MeshConfig::default());
-    let mut refiner = PlaneRefiner::new(&mesh, &PlaneConfig::default());
-    for shot in shots {
-        refiner.add(&shot.view()).unwrap();
-    }
-    let planes = refiner.finish();
-    let edges = find_edges(&planes, &EdgeConfig::default());
-    (planes, edges)
-}
 
 /// Errors of a flight of stairs.
 #[derive(Debug, Default)]
