@@ -6,11 +6,11 @@
 //! session in which no tag was seen has no contacts, and a foot of which none was seen is lost
 //! throughout.
 
-use ::feet::events::{Contact, Event, SeenFoot, contacts};
+use ::feet::events::{Contact, Event, FootStances, contacts};
 use ::feet::observation::{TagPose, foot_observation, surest};
 use ::feet::stance::{FootObservation, Stance, stances};
 use ::feet::swing::SoleEdges;
-use ::feet::track::{self, KnownFoot, foot_poses};
+use ::feet::track::{self, FootContacts, foot_poses};
 use ::feet::{FootConfig, GaitConfig};
 use cad_transforms::rig::Foot;
 use scene_bundle::outputs::contacts::{ContactEvent, FootContact};
@@ -57,7 +57,7 @@ impl Stage<Input> for FeetStage {
         let observed = Foot::ALL.map(|foot| observations(foot, &rig, &trajectory, &detections));
         let soles = Foot::ALL.map(|foot| edges(shoe(&rig, foot)));
         let at_rest: [Vec<Stance>; 2] = observed.each_ref().map(|own| stances(own, &config.stance));
-        let seen = [0, 1].map(|k: usize| SeenFoot {
+        let seen = [0, 1].map(|k: usize| FootStances {
             observations: &observed[k],
             stances: &at_rest[k],
             heel_m: soles[k].heel_m,
@@ -67,7 +67,7 @@ impl Stage<Input> for FeetStage {
         let mut poses = Vec::with_capacity(2 * times.len());
         if observed.iter().any(|own| !own.is_empty()) {
             for (k, foot) in Foot::ALL.into_iter().enumerate() {
-                let known = KnownFoot {
+                let known = FootContacts {
                     observations: &observed[k],
                     contacts: &contacts[k],
                     sole: soles[k],

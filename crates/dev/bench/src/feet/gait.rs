@@ -2,12 +2,12 @@
 
 use anyhow::Result;
 use cad_transforms::{Covariance, RigidTransform};
-use feet::events::{Contact, SeenFoot, contacts};
+use feet::events::{Contact, FootStances, contacts};
 use feet::observation::{TagPose, foot_observation, surest};
 use feet::stance::{FootObservation, Stance, stances};
 use feet::swing::SoleEdges;
 use feet::tag_tracker::Detection;
-use feet::track::{FootStatus, KnownFoot, foot_poses};
+use feet::track::{FootStatus, FootContacts, foot_poses};
 use feet::{FootConfig, GaitConfig};
 use rig_sim::simulation::Simulation;
 use rig_sim::walker::{Footfall, Phase, Side};
@@ -83,7 +83,7 @@ pub(super) fn errors(simulation: &Simulation, observed: &[Vec<FootObservation>; 
     let config = GaitConfig::default();
     let observed = observed.each_ref().map(|own| surest(own.iter().copied()));
     let at_rest: [Vec<Stance>; 2] = observed.each_ref().map(|own| stances(own, &config.stance));
-    let seen = [0, 1].map(|k: usize| SeenFoot {
+    let seen = [0, 1].map(|k: usize| FootStances {
         observations: &observed[k],
         stances: &at_rest[k],
         heel_m: SOLE.heel_m,
@@ -112,7 +112,7 @@ pub(super) fn errors(simulation: &Simulation, observed: &[Vec<FootObservation>; 
                 None => {}
             }
         }
-        let foot = KnownFoot {
+        let foot = FootContacts {
             observations: &observed[k],
             contacts: &contacts[k],
             sole: SOLE,
