@@ -7,8 +7,10 @@
 //! | `bundle-adjustment` | hand-off, `rig`, `trajectory-causal`, `trajectory-odom`, `tracks` | `trajectory`, `rig-refined` |
 //! | `depth` | hand-off, `rig-refined`, `trajectory` | `keyframes`, `depth` |
 //! | `cloud` | hand-off, `rig-refined`, `trajectory`, `keyframes`, `depth` | `cloud`, `masks` |
+//! | `terrain` | `rig-refined`, `trajectory`, `keyframes`, `depth`, `cloud`, `masks` | `terrain` |
 //! | `tags` | hand-off, `rig-refined`, `trajectory` | `tag-detections` |
 //! | `feet` | `rig-refined`, `trajectory`, `tag-detections` | `feet`, `contacts` |
+//! | `maps` | `terrain`, `contacts` | `maps`, `collision` |
 
 use super::{Pipeline, PipelineError, Stage};
 use crate::input::Input;
@@ -19,26 +21,32 @@ pub use preset::Preset;
 mod bundle_adjustment;
 mod cloud;
 mod depth;
+mod depth_frames;
 mod feet;
 pub mod frame_set_reader;
 mod keyframe_candidates;
 mod keyframe_spacing;
+mod maps;
 pub mod networks;
 mod odometry;
 mod pose_interpolation;
 mod preset;
 pub mod rig;
+mod rolling_shutter;
 mod tags;
+mod terrain;
 
 /// Names of the stages, in order.
-pub const NAMES: [&str; 7] = [
+pub const NAMES: [&str; 9] = [
     "rig",
     "odometry",
     "bundle-adjustment",
     "depth",
     "cloud",
+    "terrain",
     "tags",
     "feet",
+    "maps",
 ];
 
 /// Options of the stages.
@@ -71,8 +79,10 @@ pub fn pipeline(options: Options) -> Result<Pipeline<Input>, PipelineError> {
         Box::new(cloud::CloudStage {
             networks: options.networks,
         }),
+        Box::new(terrain::TerrainStage),
         Box::new(tags::TagsStage),
         Box::new(feet::FeetStage),
+        Box::new(maps::MapsStage),
     ];
     Pipeline::new(stages, &[HANDOFF])
 }

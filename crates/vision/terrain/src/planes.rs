@@ -19,12 +19,14 @@ use crate::view::{DepthView, Pose};
 mod assignment;
 mod ends;
 pub(crate) mod frame;
+mod outlines;
 mod plane;
 mod polygon;
 mod regions;
 pub(crate) mod sums;
 pub(crate) mod support;
 
+pub use outlines::PlaneOutline;
 pub use plane::Plane;
 pub use polygon::Polygon;
 

@@ -6,8 +6,8 @@ use scene::surface::snapped_surface_of;
 use scene::{Camera, HD720, Noise, RISE_M, Scene, Shot, Solid, climb, stairs};
 use terrain::convex::{Collision, collision_parts};
 use terrain::maps::build;
-use terrain::planes::Planes;
-use terrain::{ConvexConfig, MapConfig};
+use terrain::planes::{Plane, PlaneOutline, Planes};
+use terrain::{ConvexConfig, MapConfig, PlaneConfig};
 
 fn collision(shots: &[Shot], configs: &[ConvexConfig]) -> (Planes, Vec<Collision>) {
     let (mesh, planes, edges) = snapped_surface_of(shots);
@@ -55,6 +55,31 @@ fn stairs_need_few_parts() {
     println!("{} parts of a tread, {volume} m3", of_tread.clone().count());
     assert!(of_tread.count() <= 3);
     assert!((volume / (0.2 * 0.29 * 2.0) - 1.0).abs() < 0.15, "{volume}");
+}
+
+#[test]
+fn planes_of_files_give_the_same_ground() {
+    let shots = climb(&stairs(3), HD720, [-0.8, 0.4], 1.05, NOISE);
+    let (mesh, planes, edges) = snapped_surface_of(&shots);
+    let levels = build(&mesh, &edges, &[], &MapConfig::default());
+    let outlines = planes.planes.iter().map(PlaneOutline::from);
+    let stored = Planes {
+        planes: outlines
+            .map(|outline| Plane::of_outline(&outline, &PlaneConfig::default()))
+            .collect(),
+        ..planes.clone()
+    };
+    for (plane, of_file) in planes.planes.iter().zip(&stored.planes) {
+        let share = of_file.area_m2 / plane.area_m2;
+        assert!((share - 1.0).abs() < 0.1, "{share} of {} m2", plane.area_m2);
+        assert_eq!(PlaneOutline::from(of_file), PlaneOutline::from(plane));
+    }
+    let parts = |planes| collision_parts(planes, &edges, &levels, &ConvexConfig::default()).report;
+    let (of_depths, of_files) = (parts(&planes), parts(&stored));
+    println!("{of_depths:?}\n{of_files:?}");
+    assert!(of_files.height_errors.p95_m <= 0.010);
+    assert!(of_files.parts <= of_depths.parts * 5 / 4);
+    assert!(of_files.volume_missing_m3 < 0.005 && of_files.volume_added_m3 < 0.012);
 }
 
 #[test]

@@ -9,23 +9,21 @@
 //! per voxel of the scene, however long the recording. The result does not depend on the number of
 //! threads.
 
-use std::collections::{BTreeMap, VecDeque};
+use std::collections::VecDeque;
 
 use camera_models::{Eye, Lens};
 use rayon::prelude::*;
 use scene_bundle::outputs::depth::DepthIndex;
-use scene_bundle::outputs::rig::RigModel;
 use scene_bundle::outputs::{self, CLOUD, DEPTH, KEYFRAMES, MASKS, RIG_REFINED, TRAJECTORY};
-use scene_bundle::{OutputReader, Trajectory};
 use serde_json::{Value, json};
 use session_input::{Frames, Image, ReadError};
 
 use self::config::CloudConfig;
 use self::dynamic_mask::{DynamicMasker, PixelMotion};
 use self::free_space::PointMotion;
-use self::posed_depth_map::{DepthFrame, PosedDepthMap};
-use self::rolling_shutter::RowMotion;
+use self::posed_depth_map::PosedDepthMap;
 use self::voxels::{Point, Voxels};
+use super::depth_frames::instants;
 use super::networks::Networks;
 use crate::input::{HANDOFF, Input};
 use crate::pipeline::{Stage, StageError, Work};
@@ -34,7 +32,6 @@ mod config;
 mod dynamic_mask;
 mod free_space;
 mod posed_depth_map;
-mod rolling_shutter;
 mod voxels;
 
 /// See the module.
@@ -48,7 +45,7 @@ impl Stage<Input> for CloudStage {
     }
 
     fn version(&self) -> u32 {
-        3
+        4
     }
 
     fn inputs(&self) -> &'static [&'static str] {
@@ -149,39 +146,6 @@ impl Stage<Input> for CloudStage {
         }
         Ok(())
     }
-}
-
-/// Depth frames of each instant, in order.
-fn instants(
-    rig: &RigModel,
-    index: &DepthIndex,
-    keyframes: &OutputReader,
-    trajectory: &Trajectory,
-) -> Result<Vec<Vec<DepthFrame>>, StageError> {
-    let mut poses = BTreeMap::new();
-    for keyframe in outputs::keyframes::read(keyframes)? {
-        let camera = rig.cameras.get(usize::from(keyframe.camera));
-        let name = camera.map_or("", |camera| camera.name.as_str());
-        poses.insert((name, keyframe.frame), keyframe.world_from_left);
-    }
-    let mut instants: BTreeMap<u64, Vec<DepthFrame>> = BTreeMap::new();
-    for key in &index.images {
-        let view = &index.views[key.view];
-        let Some(world_from_left) = poses.get(&(view.camera.as_str(), key.frame)) else {
-            let (frame, camera) = (key.frame, &view.camera);
-            return Err(format!("frame {frame} of {camera} has depth and is no keyframe").into());
-        };
-        let world_from_view = *world_from_left * view.view_from_left.inverse();
-        let camera = rig.camera(&view.camera).map(|(_, camera)| camera);
-        let row_motion = camera.map(|camera| RowMotion::new(camera, view, trajectory, key.time_ns));
-        let depth_frame = DepthFrame {
-            key: *key,
-            world_from_view,
-            row_motion: row_motion.unwrap_or_default(),
-        };
-        instants.entry(key.set).or_default().push(depth_frame);
-    }
-    Ok(instants.into_values().collect())
 }
 
 /// Images of all keyframes of a camera that have depth, in order.

@@ -1,19 +1,11 @@
 //! Depth maps of keyframes, posed in the world.
 
 use cad_transforms::RigidTransform;
-use scene_bundle::outputs::depth::{DepthImage, DepthIndex, DepthKey, DepthView, read};
+use scene_bundle::outputs::depth::{DepthImage, DepthIndex, DepthView, read};
 use scene_bundle::{BundleError, OutputReader};
+use terrain::RowMotion;
 
-use super::rolling_shutter::RowMotion;
-
-/// A depth map with its pose.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct DepthFrame {
-    pub(super) key: DepthKey,
-    /// Pose at the exposure of its middle row.
-    pub(super) world_from_view: RigidTransform,
-    pub(super) row_motion: RowMotion,
-}
+use crate::pipeline::stages::depth_frames::DepthFrame;
 
 /// Depth map of a keyframe, posed in the world.
 pub(super) struct PosedDepthMap {
@@ -138,7 +130,7 @@ impl PosedDepthMap {
         let depth = self.depth_map.depth_m(column, row)?;
         let sigma_m = self.depth_map.sigma_m(column, row)?;
         let x_in_view = self.ray(column, row).map(|v| v * depth);
-        let x_in_view = self.row_motion.at_middle(f64::from(row), x_in_view);
+        let x_in_view = self.row_motion.at_pose(f64::from(row), x_in_view);
         (sigma_m <= largest_sigma_m).then(|| Surface {
             x_in_world: self.world_from_view.apply(x_in_view),
             depth_m: depth,

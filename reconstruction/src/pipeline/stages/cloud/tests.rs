@@ -3,7 +3,6 @@ use camera_models::{CameraModel, Distortion};
 use scene_bundle::outputs::cloud::CloudPoint;
 use scene_bundle::outputs::depth::{DepthImage, DepthView};
 
-use super::rolling_shutter::RowMotion;
 use super::*;
 use session_input::Color;
 
