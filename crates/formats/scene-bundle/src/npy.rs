@@ -4,13 +4,15 @@
 //!
 //! Contract: the length of the header does not depend on the number of rows, so a table can be
 //! written row by row and the number filled in at the end. The reader takes tables written here or
-//! saved again by NumPy with the same columns, and nothing else.
+//! saved again by NumPy with the same columns, and nothing else. [`array`] has arrays of numbers.
 
 use std::io::{self, Write};
 use std::path::Path;
 
 use crate::draft::{Draft, DraftFile};
 use crate::error::{BundleError, doing};
+
+pub(crate) mod array;
 
 /// Type of a field of a row.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -20,6 +22,7 @@ pub(crate) enum Kind {
     F64,
     F32,
     U8,
+    I8,
     Bool,
 }
 
@@ -35,6 +38,7 @@ impl Kind {
             Self::F64 => "<f8",
             Self::F32 => "<f4",
             Self::U8 => "|u1",
+            Self::I8 => "|i1",
             Self::Bool => "|b1",
         }
     }
@@ -43,7 +47,7 @@ impl Kind {
         match self {
             Self::I64 | Self::U64 | Self::F64 => 8,
             Self::F32 => 4,
-            Self::U8 | Self::Bool => 1,
+            Self::U8 | Self::I8 | Self::Bool => 1,
         }
     }
 }
@@ -75,6 +79,11 @@ fn header(columns: &[Column], rows: u64) -> Vec<u8> {
         description(columns)
     );
     let longest = text.len() - rows.to_string().len() + COUNT_DIGITS;
+    start(&text, longest)
+}
+
+/// Everything before the data, as long as with a text of `longest` bytes.
+fn start(text: &str, longest: usize) -> Vec<u8> {
     // Magic, the length in two bytes, the text, at least one blank, a line feed.
     let whole = (MAGIC.len() + 2 + longest + 2).next_multiple_of(ALIGNMENT);
     let length = whole - MAGIC.len() - 2;
@@ -211,16 +220,37 @@ pub(crate) fn rows<'a>(
     columns: &[Column],
     path: &Path,
 ) -> Result<impl Iterator<Item = Fields<'a>>, BundleError> {
-    let wrong = |place: &str, found: String, expected: String| BundleError::Malformed {
-        path: path.to_owned(),
-        place: place.to_owned(),
-        found,
-        expected,
-    };
+    let (text, data) = parts(bytes, path)?;
+    let text = blankless(&text);
+    let before = blankless(&format!(
+        "{{'descr': [{}], 'fortran_order': False, 'shape': (",
+        description(columns)
+    ));
+    let count = text
+        .strip_prefix(&before)
+        .and_then(|rest| rest.strip_suffix(",),}"))
+        .and_then(|count| count.parse::<u64>().ok())
+        .ok_or_else(|| wrong(path, "header", text.clone(), format!("{before}ROWS,),}}")))?;
+    let size = row_bytes(columns);
+    if count.checked_mul(size as u64) != Some(data.len() as u64) {
+        let found = format!("{} bytes of rows", data.len());
+        return Err(wrong(
+            path,
+            "rows",
+            found,
+            format!("{count} rows of {size} bytes"),
+        ));
+    }
+    Ok(data.chunks_exact(size).map(Fields))
+}
+
+/// The text of the header and the data behind it.
+fn parts<'a>(bytes: &'a [u8], path: &Path) -> Result<(String, &'a [u8]), BundleError> {
     let mut start = Fields(bytes);
     if bytes.len() < MAGIC.len() + 2 || !bytes.starts_with(MAGIC) {
         let found = format!("{:02x?}", &bytes[..bytes.len().min(MAGIC.len())]);
         return Err(wrong(
+            path,
             "start",
             found,
             "the start of a NumPy array, format 1.0".to_owned(),
@@ -230,29 +260,22 @@ pub(crate) fn rows<'a>(
     let length = usize::from(u16::from_le_bytes(start.take()));
     let Some((text, data)) = start.0.split_at_checked(length) else {
         let found = format!("{} bytes", start.0.len());
-        return Err(wrong("header", found, format!("{length}")));
+        return Err(wrong(path, "header", found, format!("{length}")));
     };
-    let blankless = |text: &str| text.split_ascii_whitespace().collect::<String>();
-    let text = blankless(&String::from_utf8_lossy(text));
-    let before = blankless(&format!(
-        "{{'descr': [{}], 'fortran_order': False, 'shape': (",
-        description(columns)
-    ));
-    let count = text
-        .strip_prefix(&before)
-        .and_then(|rest| rest.strip_suffix(",),}"))
-        .and_then(|count| count.parse::<u64>().ok())
-        .ok_or_else(|| wrong("header", text.clone(), format!("{before}ROWS,),}}")))?;
-    let size = row_bytes(columns);
-    if count.checked_mul(size as u64) != Some(data.len() as u64) {
-        let found = format!("{} bytes of rows", data.len());
-        return Err(wrong(
-            "rows",
-            found,
-            format!("{count} rows of {size} bytes"),
-        ));
+    Ok((String::from_utf8_lossy(text).into_owned(), data))
+}
+
+fn blankless(text: &str) -> String {
+    text.split_ascii_whitespace().collect()
+}
+
+fn wrong(path: &Path, place: &str, found: String, expected: String) -> BundleError {
+    BundleError::Malformed {
+        path: path.to_owned(),
+        place: place.to_owned(),
+        found,
+        expected,
     }
-    Ok(data.chunks_exact(size).map(Fields))
 }
 
 #[cfg(test)]

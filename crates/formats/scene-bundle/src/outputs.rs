@@ -5,13 +5,17 @@
 //! is used. `FORMAT.md` has the layouts.
 
 pub mod cloud;
+pub mod collision;
 pub mod contacts;
 pub mod depth;
 pub mod feet;
+pub mod grid;
 pub mod keyframes;
+pub mod maps;
 pub mod masks;
 pub mod rig;
 pub mod tag_detections;
+pub mod terrain;
 pub mod tracks;
 pub mod trajectory;
 
@@ -50,6 +54,12 @@ pub const TAG_DETECTIONS: &str = "tag-detections";
 pub const FEET: &str = "feet";
 /// Contacts of the wearer's feet with the ground.
 pub const CONTACTS: &str = "contacts";
+/// Mesh of the ground, its planes and step edges.
+pub const TERRAIN: &str = "terrain";
+/// Maps of walkable levels.
+pub const MAPS: &str = "maps";
+/// Convex parts and height layers for physics.
+pub const COLLISION: &str = "collision";
 
 pub(crate) fn write_json(
     draft: &Draft,
@@ -71,6 +81,51 @@ pub(crate) fn read_json<T: DeserializeOwned>(
         found: format!("JSON where {e}"),
         expected: format!("what the format has in {path}"),
     })
+}
+
+/// JSON without blanks, for files of many numbers.
+pub(crate) fn write_compact_json(
+    draft: &Draft,
+    path: &str,
+    value: &impl Serialize,
+) -> Result<(), BundleError> {
+    let mut text = serde_json::to_vec(value).unwrap_or_default();
+    text.push(b'\n');
+    draft.write(path, &text)
+}
+
+/// A value that the format does not allow, from a caller or in a file.
+#[derive(Debug)]
+pub(crate) struct Fault {
+    place: String,
+    found: String,
+    expected: &'static str,
+}
+
+impl Fault {
+    pub(crate) fn new(place: &str, found: String, expected: &'static str) -> Self {
+        Self {
+            place: place.to_owned(),
+            found,
+            expected,
+        }
+    }
+
+    /// From the caller of a writer.
+    pub(crate) fn refused(self, draft: &Draft, file: &str) -> BundleError {
+        let found = format!("{}: {}", self.place, self.found);
+        refused(draft, file, found, self.expected)
+    }
+
+    /// In a file that is read.
+    pub(crate) fn malformed(self, reader: &OutputReader, file: &str) -> BundleError {
+        malformed(
+            reader.file_path(file),
+            self.place,
+            self.found,
+            self.expected,
+        )
+    }
 }
 
 /// A file that is not as the format has it.

@@ -13,6 +13,8 @@ use scene_bundle::outputs::{
 use scene_bundle::{BundleError, Scene, Status, Trajectory};
 use serde_json::{Value, json};
 
+mod ground;
+
 /// Content of a bundle.
 pub(crate) struct BundleSummary<'a> {
     scene: &'a Scene,
@@ -194,6 +196,9 @@ fn facts_of(scene: &Scene, name: &str) -> Result<Value, BundleError> {
             let left = left.count();
             json!({ "left_foot": left, "right_foot": contacts.len() - left })
         }
+        outputs::TERRAIN => ground::of_terrain(&reader)?,
+        outputs::MAPS => ground::of_maps(&reader)?,
+        outputs::COLLISION => ground::of_collision(&reader)?,
         outputs::CLOUD => json!({ "points": cloud::read(&reader)?.len() }),
         _ => Value::Null,
     })

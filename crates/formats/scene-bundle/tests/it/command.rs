@@ -47,11 +47,16 @@ fn show_lists_the_content() {
         "statuses: 10 tracked, 10 dead reckoned, 10 relocalised, 10 lost\n",
         "points: 500\n",
         "views: feet 60x40\n",
+        "simplified triangles: 6\n",
+        "cells: 12x8, 3x2\n",
+        "free m2: 5.8125\n",
+        "parts: 2 ground, 1 wall, 1 obstacle\n",
+        "height error p95 m: 0.0125\n",
     ] {
         assert!(shown.contains(expected), "{expected:?} in\n{shown}");
     }
     assert!(shown.lines().all(|line| line.trim_end() == line));
-    assert!(shown.ends_with("\n7 outputs, 0 problems\n"), "{shown}");
+    assert!(shown.ends_with("\n10 outputs, 0 problems\n"), "{shown}");
 
     let json = run(&["show", "--json", text(&sample.path.join("scene.json"))]);
     let json: Value = serde_json::from_slice(&json.stdout).expect("JSON");
@@ -152,7 +157,7 @@ fn verify_ends_with_1_when_a_byte_changed() {
     let fine = run(&["verify", text(&sample.path)]);
     assert_eq!(code(&fine), 0, "{}", error_text(&fine));
     assert!(
-        out_text(&fine).contains("7 outputs, 18 files, every byte is as it was written"),
+        out_text(&fine).contains("10 outputs, 52 files, every byte is as it was written"),
         "{}",
         out_text(&fine)
     );

@@ -4,6 +4,8 @@
 mod colmap;
 mod command;
 mod export;
+mod ground;
+mod ground_outputs;
 mod hostile;
 mod interop;
 mod outputs;

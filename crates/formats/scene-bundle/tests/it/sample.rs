@@ -15,6 +15,8 @@ use scene_bundle::{
     Bundle, Draft, Pose, Provenance, Record, RigRevision, Scene, Status, Trajectory,
 };
 
+use crate::ground;
+
 pub(crate) const START_NS: i64 = 1_403_715_273_262_142_976;
 
 pub(crate) struct Sample {
@@ -52,6 +54,9 @@ impl Sample {
             let frame = keyframe_table(rig_model)[0].frame;
             masks::write_dynamic(d, &rig_model.cameras[0].name, frame, &moving()).unwrap();
         });
+        put(outputs::TERRAIN, &ground::write_terrain);
+        put(outputs::MAPS, &ground::write_maps);
+        put(outputs::COLLISION, &ground::write_collision);
         put(outputs::CLOUD, &|d| cloud::write(d, &points()).unwrap());
         put(outputs::DEPTH, &|d| {
             let writer = DepthWriter::new(d, vec![view()]).unwrap();
