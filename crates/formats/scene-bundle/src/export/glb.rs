@@ -1,9 +1,9 @@
 //! The simplified mesh of the ground as binary glTF 2.0 (Khronos Group 2017, ISO/IEC 12113).
 //!
-//! Contract: glTF has y up. Positions and normals are converted, x, y, z of the world being x, -z, y
-//! of glTF, rather than rotated by a node: programs that take vertices without their node are right
-//! too. Colors of vertices are linear, as the standard demands, in 32-bit floating point: 8 bits of a
-//! linear value are too few where it is dark, and some readers take 16 for 8.
+//! Contract: glTF has y up. Positions and normals are converted, x, y, z of the world being x, z,
+//! -y of glTF, rather than rotated by a node: programs that take vertices without their node are
+//! right too. Colors of vertices are linear, as the standard demands, in 32-bit floating point: 8
+//! bits of a linear value are too few where it is dark, and some readers take 16 for 8.
 
 use std::path::Path;
 
@@ -38,7 +38,7 @@ pub(super) fn export(scene: &Scene, out: &Path) -> Result<Summary, ExportError> 
     Ok(Summary {
         description: description(&mesh),
         notes: vec![
-            "y is up in glTF: x, y, z of the world are x, -z, y".to_owned(),
+            "y is up in glTF: x, y, z of the world are written as x, z, -y".to_owned(),
             note("glTF"),
         ],
         lost: Vec::new(),

@@ -3,8 +3,8 @@
 //! Contract: one message per level, on the topic `/level_N`, in the profile `ros2`: encoded as CDR,
 //! with the definitions of the messages, uncompressed. Stamps are 0 and the frame is `map`. The
 //! first cell of a grid map is that of greatest x and y; x falls along the rows and y along the
-//! columns of its matrices, which are column-major (grid_map: GridMapMath, GridMapMsgHelpers). So the
-//! data of a layer are those of the output from the last to the first.
+//! columns of its matrices, which are column-major (grid_map: GridMapMath, GridMapMsgHelpers). So
+//! the data of a layer are those of the output from the last to the first.
 
 use std::borrow::Cow;
 use std::io::Cursor;

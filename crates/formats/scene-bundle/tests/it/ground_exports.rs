@@ -42,7 +42,7 @@ fn every_export_says_what_it_leaves_out() {
     for (format, expected) in FORMATS.into_iter().zip([
         "",
         "sigma, views and planes of vertices cannot be represented in OBJ",
-        "y is up in glTF: x, y, z of the world are x, -z, y",
+        "y is up in glTF: x, y, z of the world are written as x, z, -y",
         "sigma, views and planes of vertices cannot be represented in this USD mesh",
         "map-server has occupancy only",
         "unknown occupancy to not-a-number",

@@ -7,7 +7,11 @@ import json
 import math
 import sys
 
-import numpy as np
+try:
+    import numpy as np
+except ModuleNotFoundError as absent:
+    json.dump({"absent": absent.name}, sys.stdout)
+    sys.exit()
 
 
 def plain(value):

@@ -1,5 +1,5 @@
-//! Common Data Representation, little-endian, as ROS 2 encodes messages (OMG: DDS-XTypes 1.3, 7.4.3,
-//! XCDR version 1).
+//! Common Data Representation, little-endian, as ROS 2 encodes messages (OMG: DDS-XTypes 1.3,
+//! section 7.4.3, XCDR version 1).
 
 /// Bytes before the data: plain CDR, little-endian, no options.
 const ENCAPSULATION: [u8; 4] = [0, 1, 0, 0];
