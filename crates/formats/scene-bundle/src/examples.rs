@@ -33,6 +33,10 @@ pub(crate) const EXAMPLES: Table = &[
                 "paws-scene export scene --format nerfstudio --images frames --out nerf",
                 "with the images that `paws-reconstruct frames` wrote",
             ),
+            (
+                "paws-scene export scene --format mjcf --out ground",
+                "the ground for MuJoCo",
+            ),
         ],
     ),
     (

@@ -5,25 +5,38 @@
 //! cannot hold is reported ([`Summary::notes`]); content that should have been written and could
 //! not be is counted ([`Summary::lost`]). The same bundle gives the same bytes.
 
-use std::fs;
-use std::io;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
-use cad_transforms::output::{Existing, WriteError, write};
+use cad_transforms::output::{Existing, write};
 
-use crate::error::BundleError;
 use crate::formats::{euroc, kitti, tum};
+use crate::outputs::terrain::{self, MeshDetail};
 use crate::outputs::{self, cloud};
 use crate::scene::Scene;
 use crate::trajectory::{Status, Trajectory};
 
 mod colmap;
 mod depth_warp;
+mod error;
 mod folder;
+mod glb;
+mod grid_map;
+mod height_geotiff;
 mod las;
 mod lenses;
+mod map_server;
+mod mjcf;
 mod nerfstudio;
+mod obj;
+mod options;
 mod posed_images;
+mod summary;
+mod terrain_mesh;
+mod usda;
+
+pub use error::ExportError;
+pub use options::Options;
+pub use summary::Summary;
 
 use folder::NewFolder;
 
@@ -48,11 +61,27 @@ pub enum Format {
     Las,
     /// One file, the points, compressed.
     Laz,
+    /// One file, the simplified mesh of the ground with all its properties.
+    TerrainPly,
+    /// One file, the simplified mesh of the ground.
+    TerrainObj,
+    /// One file, the simplified mesh of the ground, y up.
+    TerrainGlb,
+    /// One file, the simplified mesh of the ground as a collider.
+    Usda,
+    /// A folder with an image of the occupancy and its YAML for each level.
+    MapServer,
+    /// One MCAP file with a message of all layers for each level.
+    GridMap,
+    /// A folder with an image of the elevations for each level.
+    HeightGeotiff,
+    /// A folder with `model.xml` and the height fields of the collision geometry.
+    Mjcf,
 }
 
 impl Format {
     /// All of them.
-    pub const ALL: [Self; 9] = [
+    pub const ALL: [Self; 17] = [
         Self::Tum,
         Self::Kitti,
         Self::Euroc,
@@ -62,6 +91,14 @@ impl Format {
         Self::Ply,
         Self::Las,
         Self::Laz,
+        Self::TerrainPly,
+        Self::TerrainObj,
+        Self::TerrainGlb,
+        Self::Usda,
+        Self::MapServer,
+        Self::GridMap,
+        Self::HeightGeotiff,
+        Self::Mjcf,
     ];
 
     /// Its name on the command line.
@@ -76,6 +113,14 @@ impl Format {
             Self::Ply => "ply",
             Self::Las => "las",
             Self::Laz => "laz",
+            Self::TerrainPly => "terrain-ply",
+            Self::TerrainObj => "terrain-obj",
+            Self::TerrainGlb => "terrain-glb",
+            Self::Usda => "usda",
+            Self::MapServer => "map-server",
+            Self::GridMap => "grid-map",
+            Self::HeightGeotiff => "height-geotiff",
+            Self::Mjcf => "mjcf",
         }
     }
 
@@ -92,6 +137,11 @@ impl Format {
                 outputs::CLOUD,
             ],
             Self::Ply | Self::Las | Self::Laz => &[outputs::CLOUD],
+            Self::TerrainPly | Self::TerrainObj | Self::TerrainGlb | Self::Usda => {
+                &[outputs::TERRAIN]
+            }
+            Self::MapServer | Self::GridMap | Self::HeightGeotiff => &[outputs::MAPS],
+            Self::Mjcf => &[outputs::COLLISION],
         }
     }
 
@@ -107,68 +157,6 @@ impl Format {
     pub fn from_name(name: &str) -> Option<Self> {
         Self::ALL.into_iter().find(|format| format.name() == name)
     }
-}
-
-/// How to write it.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct Options {
-    /// Whether the causal trajectory is exported instead of the offline one. No effect on
-    /// keyframes, which have their own poses.
-    pub causal: bool,
-    /// Folder of the images, as `paws-reconstruct frames` writes them: `CAMERA/left/NNNNNN.png`,
-    /// named by the number of the frame. With it, keyframes without an image are left out.
-    pub images: Option<PathBuf>,
-    /// Whether right images are included.
-    pub right: bool,
-    /// Only these cameras; all where it is empty.
-    pub cameras: Vec<String>,
-}
-
-/// Summary of an export.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct Summary {
-    /// Description of what was written.
-    pub description: String,
-    /// Content that the format cannot represent, and what was changed to fit it.
-    pub notes: Vec<String>,
-    /// What should have been written and was not.
-    pub lost: Vec<String>,
-}
-
-/// Why nothing was written.
-#[derive(Debug, thiserror::Error)]
-pub enum ExportError {
-    /// The bundle cannot be read.
-    #[error(transparent)]
-    Bundle(#[from] BundleError),
-    /// The path exists already, or writing fails.
-    #[error(transparent)]
-    File(#[from] WriteError),
-    /// The path exists already: give another.
-    #[error("writing an export: it exists already and is not overwritten: {}", .0.display())]
-    Exists(PathBuf),
-    /// Delete it: it is what an earlier run had written before it was stopped.
-    #[error("writing an export: an earlier run was stopped and left a folder behind; delete it: {}", .0.display())]
-    LeftOver(PathBuf),
-    /// Any I/O error of the underlying file system.
-    #[error("writing an export: {}", path.display())]
-    Write {
-        /// Path that was being written.
-        path: PathBuf,
-        /// What failed.
-        #[source]
-        error: io::Error,
-    },
-    /// The format cannot hold what there is.
-    #[error("writing {format}: found {found}, expected {expected}")]
-    Refused {
-        /// The format.
-        format: &'static str,
-        /// What there is.
-        found: String,
-        /// What the format needs.
-        expected: String,
-    },
 }
 
 /// Writes a bundle in a format to `out`, a new file or folder.
@@ -391,6 +379,22 @@ pub fn export(
             }
         }
         Format::Las | Format::Laz => las::export(scene, format == Format::Laz, out)?,
+        Format::TerrainPly => {
+            let reader = scene.output(outputs::TERRAIN)?;
+            let bytes = terrain::read_mesh_file(&reader, MeshDetail::Simplified)?;
+            write(out, &bytes, Existing::Refuse)?;
+            Summary {
+                description: "the simplified mesh as it is".to_owned(),
+                ..Summary::default()
+            }
+        }
+        Format::TerrainObj => obj::export(scene, out)?,
+        Format::TerrainGlb => glb::export(scene, out)?,
+        Format::Usda => usda::export(scene, out)?,
+        Format::MapServer => map_server::export(scene, out)?,
+        Format::GridMap => grid_map::export(scene, out)?,
+        Format::HeightGeotiff => height_geotiff::export(scene, out)?,
+        Format::Mjcf => mjcf::export(scene, out)?,
     };
     let outdated = scene.manifest().outdated();
     for name in format.outputs(options.causal) {
@@ -469,30 +473,4 @@ fn omitted_fields(trajectory: &Trajectory, format: Format) -> Vec<String> {
         notes.push(format!("{lost} poses where the rig was lost are left out"));
     }
     notes
-}
-
-fn writing(path: &Path) -> impl FnOnce(io::Error) -> ExportError + use<> {
-    let path = path.to_owned();
-    move |error| ExportError::Write { path, error }
-}
-
-/// Path of the image folder for a program that reads a file in `out`: relative where possible.
-fn relative_path(out: &Path, images: &Path) -> Result<PathBuf, ExportError> {
-    let parent = match out.parent() {
-        Some(parent) if !parent.as_os_str().is_empty() => parent,
-        _ => Path::new("."),
-    };
-    fs::create_dir_all(parent).map_err(writing(parent))?;
-    let whole = |path: &Path| fs::canonicalize(path).map_err(writing(path));
-    let (parent, images) = (whole(parent)?, whole(images)?);
-    let out = parent.join(out.file_name().unwrap_or_default());
-    let common = out
-        .components()
-        .zip(images.components())
-        .take_while(|(a, b)| a == b)
-        .count();
-    let up = out.components().skip(common).map(|_| "..");
-    let mut path: PathBuf = up.collect();
-    path.extend(images.components().skip(common));
-    Ok(path)
 }

@@ -28,7 +28,8 @@ pub(crate) const READERS: Environment = Environment {
     folder: "python-readers",
     list: "interop-requirements.txt",
     imports: "import mcap, mcap_protobuf, av, numpy, cv2, pupil_apriltags, \
-              plyfile, laspy, lazrs, pycolmap, onnxruntime",
+              plyfile, laspy, lazrs, pycolmap, onnxruntime, \
+              trimesh, tifffile, rosbags, mujoco, pxr.UsdValidation",
 };
 /// GTSAM.
 pub(crate) const GTSAM: Environment = Environment {

@@ -10,10 +10,12 @@ use std::path::{Path, PathBuf};
 use calibration_files::Format;
 use camera_models::{CameraSet, NamedCamera};
 
+use super::error::ExportError;
 use super::folder::NewFolder;
 use super::lenses::fitted;
+use super::options::Options;
 use super::posed_images::{PosedImages, collect};
-use super::{ExportError, Options, Summary};
+use super::summary::Summary;
 use crate::outputs;
 use crate::outputs::cloud::{self, CloudPoint};
 use crate::scene::Scene;

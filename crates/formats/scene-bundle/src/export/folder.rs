@@ -4,7 +4,7 @@ use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
 
-use super::{ExportError, writing};
+use super::error::{ExportError, writing};
 
 /// A folder being written, under its name with `.partial` appended. It is removed if dropped
 /// unfinished.

@@ -12,7 +12,8 @@ use std::path::Path;
 use cad_transforms::output::{Existing, write};
 use las::{Builder, Color, Point, Transform, Vector, Writer};
 
-use super::{ExportError, Summary};
+use super::error::ExportError;
+use super::summary::Summary;
 use crate::outputs::{self, cloud};
 use crate::scene::Scene;
 

@@ -3,7 +3,7 @@
 use calibration_files::Format;
 use camera_models::{CameraModel, LensModel, convert, exactly};
 
-use super::ExportError;
+use super::error::ExportError;
 
 /// Maximum error of a fitted camera model, pixels; a larger one counts as a loss. *Why:* features
 /// are matched to about a tenth of a pixel.

@@ -6,17 +6,20 @@
 //! all frames, and requires depth for all frames or for none.
 
 use std::collections::BTreeMap;
-use std::path::Path;
+use std::fs;
+use std::path::{Path, PathBuf};
 
 use calibration_files::Format;
 use camera_models::{CameraModel, Distortion, Eye};
 use serde_json::{Map, Value, json};
 
 use super::depth_warp::DepthWarp;
+use super::error::{ExportError, writing};
 use super::folder::NewFolder;
 use super::lenses::fitted;
+use super::options::Options;
 use super::posed_images::{PosedImage, PosedImages, collect};
-use super::{ExportError, Options, Summary, relative_path};
+use super::summary::Summary;
 use crate::outputs::depth::{self, DepthIndex, DepthKey};
 use crate::outputs::gray_png::{encode8, encode16};
 use crate::outputs::masks::{self, Mask};
@@ -282,4 +285,25 @@ fn write_one(
     let image = depth::read(reader, index, key)?;
     let (width, height) = depth_warp.size();
     folder.write(path, &encode16(width, height, &depth_warp.depth(&image)))
+}
+
+/// Path of the image folder for a program that reads a file in `out`: relative where possible.
+fn relative_path(out: &Path, images: &Path) -> Result<PathBuf, ExportError> {
+    let parent = match out.parent() {
+        Some(parent) if !parent.as_os_str().is_empty() => parent,
+        _ => Path::new("."),
+    };
+    fs::create_dir_all(parent).map_err(writing(parent))?;
+    let whole = |path: &Path| fs::canonicalize(path).map_err(writing(path));
+    let (parent, images) = (whole(parent)?, whole(images)?);
+    let out = parent.join(out.file_name().unwrap_or_default());
+    let common = out
+        .components()
+        .zip(images.components())
+        .take_while(|(a, b)| a == b)
+        .count();
+    let up = out.components().skip(common).map(|_| "..");
+    let mut path: PathBuf = up.collect();
+    path.extend(images.components().skip(common));
+    Ok(path)
 }

@@ -3,7 +3,8 @@
 use cad_transforms::RigidTransform;
 use camera_models::{CameraModel, Eye};
 
-use super::{ExportError, Options};
+use super::error::ExportError;
+use super::options::Options;
 use crate::outputs::keyframes::{self, Keyframe};
 use crate::outputs::rig::RigModel;
 use crate::outputs::{self, rig};

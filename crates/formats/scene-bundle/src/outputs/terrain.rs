@@ -70,8 +70,8 @@ impl Terrain {
 /// Writes the ground.
 ///
 /// # Errors
-/// [`BundleError::Refused`] for numbers that are not finite, indices out of range, and properties of
-/// a mesh that are not of the same number; [`BundleError::Io`].
+/// [`BundleError::Refused`] for numbers that are not finite, indices out of range, and properties
+/// of a mesh that are not of the same number; [`BundleError::Io`].
 ///
 /// ```
 /// use scene_bundle::outputs::{self, terrain};

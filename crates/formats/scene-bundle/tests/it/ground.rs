@@ -190,7 +190,11 @@ fn fill(level: &mut MapLevel, cell: usize, height: f32) {
     level.slope[cell] = 0.643_501_1;
     level.step[cell] = 0.02;
     level.roughness[cell] = 0.004;
-    level.clearance[cell] = if cell.is_multiple_of(5) { f32::INFINITY } else { 2.25 };
+    level.clearance[cell] = if cell.is_multiple_of(5) {
+        f32::INFINITY
+    } else {
+        2.25
+    };
     level.traversability[cell] = (cell % 11) as f32 / 10.0;
     level.distance[cell] = 0.125 * (1 + cell % 7) as f32;
     level.occupancy[cell] = maps::FREE;

@@ -9,7 +9,7 @@ use serde_json::{Value, json};
 use crate::sample::{self, Sample};
 
 /// The interpreter with the packages, where there is one.
-fn python() -> Option<PathBuf> {
+pub(crate) fn python() -> Option<PathBuf> {
     let found = std::env::var_os("PAWS_PYTHON").map(PathBuf::from);
     if found.is_none() {
         eprintln!(

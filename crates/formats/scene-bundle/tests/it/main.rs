@@ -5,6 +5,8 @@ mod colmap;
 mod command;
 mod export;
 mod ground;
+mod ground_exports;
+mod ground_interop;
 mod ground_outputs;
 mod hostile;
 mod interop;

@@ -15,8 +15,8 @@ pub struct TerrainPlane {
     pub center_m: [f64; 3],
     /// Outward normal, of length 1.
     pub normal: [f64; 3],
-    /// Axes on the plane for the coordinates of the polygons, of length 1; the normal is their cross
-    /// product.
+    /// Axes on the plane for the coordinates of the polygons, of length 1; the normal is their
+    /// cross product.
     pub axes: [[f64; 3]; 2],
     /// One standard deviation of the position along the normal at the center, m.
     pub sigma_m: f64,
