@@ -9,17 +9,17 @@ use std::collections::BTreeMap;
 use cad_transforms::RigidTransform;
 use camera_models::{CameraModel, Lens};
 use harness::data;
-use harness::sequences::{self, Sequence, WalkSettings, walk};
-use harness::tracking::{self, Refined, drive, still, track};
+use harness::sequences::{self, OwnedFrameSet, Sequence, WalkSettings, walk};
+use harness::tracking::{self, Refined, Tracking, drive, still, track};
 use nalgebra::Vector3;
 use odometry::keyframe::StereoObservation;
 use odometry::mapping::RefinedExtrinsics;
 use odometry::rig::StereoCamera;
 use odometry::{Config, Odometry, Preset, Rig};
 use reconstruction::evaluate::{self, Evaluation, evaluate};
-use rig_sim::camera::Quality;
+use rig_sim::camera::{Quality, codec};
 use rig_sim::scene::{Kind, Lighting};
-use scene_bundle::Trajectory;
+use scene_bundle::{Status, Trajectory};
 
 fn balanced() -> Config {
     Config::preset(Preset::Balanced)
@@ -427,8 +427,65 @@ fn walk_on_weak_texture_without_imu_is_tracked_from_its_start() {
         false,
         |_| {},
     );
-    let is_tracked = |pose: &scene_bundle::Pose| pose.status == scene_bundle::Status::Tracked;
+    let is_tracked = |pose: &scene_bundle::Pose| pose.status == Status::Tracked;
     assert!(poses.poses().iter().all(is_tracked));
+}
+
+/// A second and a half without IMU that begins while the wearer walks, for every preset, with
+/// images as rendered and after a codec. Up to three of the first poses were lost.
+#[test]
+fn recordings_that_start_in_motion_are_tracked_from_their_first_pose() {
+    for kind in [Kind::Pavement, Kind::Stairs, Kind::Room] {
+        let settings = WalkSettings {
+            quality: Quality::FAST,
+            cameras: vec!["left_shoulder".to_owned()],
+            with_imu: false,
+            ..WalkSettings::new(kind, Lighting::Day, 71, 3.5)
+        };
+        let sequence = walk(&settings).expect("a walk");
+        let truth = tracking::truth(&sequence).expect("rising times");
+        // After 2 s the wearer walks.
+        let sets = sequence.frame_sets().expect("images").skip(30);
+        let sets: Vec<OwnedFrameSet> = sets.collect::<Result<_, _>>().expect("images");
+        let [from, to] = [0, sets.len() - 1].map(|k| sequence.world_from_rig(sets[k].time_ns));
+        let motion = from.expect("truth").inverse() * to.expect("truth");
+        assert!(Vector3::from(motion.translation_m()).norm() > 0.8);
+        for preset in [Preset::Fast, Preset::Balanced, Preset::Accurate] {
+            for quantization in [0.0, 32.0] {
+                let causal = track_quantized(&sequence, &sets, preset, quantization);
+                let is_tracked = |pose: &&scene_bundle::Pose| pose.status == Status::Tracked;
+                let tracked = causal.poses().iter().filter(is_tracked).count();
+                let consistency = evaluated(&causal, &truth).consistency.expect("covariances");
+                println!(
+                    "{kind:?} {preset:?} {quantization}: {tracked} of {}",
+                    sets.len()
+                );
+                assert_eq!(tracked, sets.len(), "{kind:?} {preset:?} {quantization}");
+                assert_eq!(consistency.silently_wrong, 0, "{consistency:?}");
+            }
+        }
+    }
+}
+
+/// Causal poses from images after a codec with a quantization step, gray levels.
+fn track_quantized(
+    sequence: &Sequence,
+    sets: &[OwnedFrameSet],
+    preset: Preset,
+    step: f32,
+) -> Trajectory {
+    let mut tracking = Tracking::new(sequence.rig(), Config::preset(preset), false);
+    for set in sets {
+        let mut set = set.clone();
+        for view in set.views.iter_mut().flatten() {
+            let size = [view.width, view.height];
+            for eye in [&mut view.left, &mut view.right] {
+                codec::quantize(eye, view.width, size, step);
+            }
+        }
+        tracking.add(&set).expect("a set");
+    }
+    tracking.causal().clone()
 }
 
 #[test]

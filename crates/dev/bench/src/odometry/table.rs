@@ -35,7 +35,7 @@ pub(crate) fn text(results: &Results) -> String {
         if rows.is_empty() {
             continue;
         }
-        let title = format!("\n## Ten walks, `{preset}`: causal poses\n");
+        let title = format!("\n## {} walks, `{preset}`: causal poses\n", rows.len());
         walks(&mut text, &title, &rows, MAX_CAUSAL_ATE_PERCENT, &|row| {
             Some(Entry {
                 figures: &row.ran.figures,
@@ -45,7 +45,10 @@ pub(crate) fn text(results: &Results) -> String {
                 more: format!("{:.0} ms", row.ran.longest_set_ms),
             })
         });
-        let title = format!("\n## Ten walks, `{preset}`: adjusted afterwards\n");
+        let title = format!(
+            "\n## {} walks, `{preset}`: adjusted afterwards\n",
+            rows.len()
+        );
         walks(&mut text, &title, &rows, MAX_ADJUSTED_ATE_PERCENT, &|row| {
             let adjusted = row.adjusted.as_ref()?;
             let each = |seconds: f64| 1e3 * seconds / row.ran.pairs as f64;
