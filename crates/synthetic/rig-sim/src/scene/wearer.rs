@@ -229,26 +229,37 @@ pub(super) struct UnlitWearer {
 }
 
 impl UnlitWearer {
-    /// Applies lighting. Moving bodies are lit without occlusion.
+    /// Applies lighting. Moving bodies are lit without occlusion, in the orientation of a standing
+    /// wearer.
     pub(super) fn lit(self, light: &Light) -> Wearer {
-        let lit = |mesh: &Mesh| -> Body {
+        let lit = |(part, mesh): &(Part, Mesh)| -> (Part, Body) {
+            let upright = self.upright_from_part(*part);
             let at = |t: &super::mesh::Triangle| {
                 let [a, b, c] = t.corners.map(|c| c.position);
-                let normal = (b - a).cross(&(c - a)).normalize();
+                let normal = upright * (b - a).cross(&(c - a)).normalize();
                 // A lamp is far from a body compared with the body's size.
                 let here = Vector3::new(0.0, 0.0, 0.5);
                 [light.irradiance(&here, &normal, |_, _| false) as f32; 3]
             };
-            Body::new(mesh, &mesh.triangles.iter().map(at).collect::<Vec<_>>())
+            let irradiances: Vec<_> = mesh.triangles.iter().map(at).collect();
+            (*part, Body::new(mesh, &irradiances))
         };
         Wearer {
-            parts: self
-                .meshes
-                .iter()
-                .map(|(part, mesh)| (*part, lit(mesh)))
-                .collect(),
+            parts: self.meshes.iter().map(lit).collect(),
             tags: self.tags,
             covers: self.covers,
+        }
+    }
+
+    /// Rotation of the frame of a part to that of a standing wearer, with z up.
+    fn upright_from_part(&self, part: Part) -> UnitQuaternion<f64> {
+        match part {
+            Part::Tag(index) => self.tags[index].rotation,
+            Part::Cover(index) => {
+                let tag = self.covers[index].tag;
+                tag.map_or(UnitQuaternion::identity(), |tag| self.tags[tag].rotation)
+            }
+            _ => UnitQuaternion::identity(),
         }
     }
 }

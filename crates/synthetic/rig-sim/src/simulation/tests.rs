@@ -326,6 +326,41 @@ fn tag_corners_move_with_the_feet() {
     );
 }
 
+/// Tags were lit as if they faced the ground, in which no detector found them in some scenes.
+#[test]
+fn white_margins_of_tags_are_brighter_than_the_shoe() {
+    for kind in [Kind::Pavement, Kind::Stairs, Kind::Room] {
+        let settings = Settings {
+            kind,
+            width: 672,
+            height: 376,
+            ..settings()
+        };
+        let simulation = Arc::new(Simulation::new(&settings, &example()).unwrap());
+        let names = simulation.cameras().iter();
+        let camera = names.clone().position(|c| c.name == "feet").unwrap();
+        let time_ns = settings.frame_ns(2);
+        let image = simulation.frames(camera).render_frame(2, time_ns).gray(0);
+        let mut ground_truth = simulation.ground_truth(camera);
+        let truth = ground_truth.render(0, time_ns);
+        let seen = ground_truth.tags(0, &truth);
+        assert_eq!(seen.iter().filter(|tag| tag.is_visible()).count(), 2);
+        for tag in seen {
+            let [a, b, c, d] = tag.corners;
+            // From the middle of the tag towards the toe, 1 is the edge of the black square.
+            let gray = |share: f64| {
+                let at = |k: usize| {
+                    let middle = 0.25 * (a[k] + b[k] + c[k] + d[k]);
+                    middle + share * (0.5 * (c[k] + d[k]) - middle)
+                };
+                image[(at(1) + 0.5) as usize * 672 + (at(0) + 0.5) as usize]
+            };
+            let (margin, leather) = (gray(1.12), gray(1.6));
+            assert!(margin > leather + 20, "{kind:?}: {margin} and {leather}");
+        }
+    }
+}
+
 /// Faults of one kind on the left foot for the whole walk.
 fn on_left_foot(kind: FaultKind, strength: f64) -> WearerFaults {
     let fault = Fault {
