@@ -2,8 +2,9 @@
 //!
 //! Contract: each event has a standard deviation and says whether images show it or it follows from
 //! the gait. Heel strikes come from the approach of the heel to where it then rests and from when
-//! the sole is flat, as the mean of their distribution over time. Where toes leave the ground no
-//! camera sees them: their time follows from the strike of the other foot.
+//! the sole is flat, as the mean of their distribution over time; one that no frame shows is in the
+//! middle between those of the other foot. Where toes leave the ground no camera sees them: their
+//! time follows from the strike of the other foot.
 //!
 //! Source of the share of a stride in which a foot bears, 0.642 - 0.035 v for a speed v in m/s:
 //! Kirtley, Whittle, Jefferson, "Influence of walking speed on gait parameters", J. Biomed. Eng. 7,
@@ -54,9 +55,18 @@ pub struct FootStances<'a> {
 
 /// The contacts of both feet, left and right, from their stances.
 pub fn contacts(feet: [FootStances<'_>; 2], config: &EventConfig) -> [Vec<Contact>; 2] {
-    let strikes = feet.map(|foot| -> Vec<Strike> {
+    let shown = feet.map(|foot| -> Vec<Strike> {
         let stances = 0..foot.stances.len();
-        stances.map(|k| strike(&foot, k, config)).collect()
+        stances.map(|k| strike(&foot, k, None, config)).collect()
+    });
+    // A strike that no frame shows is in the middle between those of the other foot.
+    let strikes = [0, 1].map(|side| -> Vec<Strike> {
+        let (foot, own, other) = (&feet[side], &shown[side], &shown[1 - side]);
+        let again = |k: usize| match own[k].heel_strike.is_seen {
+            true => own[k].clone(),
+            false => strike(foot, k, between(&own[k], other), config),
+        };
+        (0..own.len()).map(again).collect()
     });
     [0, 1].map(|side| {
         let (foot, own, other) = (&feet[side], &strikes[side], &strikes[1 - side]);
@@ -75,9 +85,31 @@ pub fn contacts(feet: [FootStances<'_>; 2], config: &EventConfig) -> [Vec<Contac
     })
 }
 
+#[derive(Clone, Debug)]
 struct Strike {
     heel_strike: Event,
     foot_flat: Event,
+}
+
+/// Deviation of a strike from the middle between those of the other foot, as a share of the time
+/// between these, and the longest such time, s.
+const ASYMMETRY: f64 = 0.04;
+const MAX_STRIDE_S: f64 = 1.6;
+/// Longest time for which a foot at rest is out of sight, s.
+const MAX_HIDDEN_S: f64 = 0.5;
+
+/// Mean and standard deviation of a strike by those of the other foot before and after it, s.
+fn between(own: &Strike, other: &[Strike]) -> Option<[f64; 2]> {
+    let time_s = own.heel_strike.time_s;
+    let next = other.partition_point(|other| other.heel_strike.time_s < time_s);
+    let [before, after] = [next.checked_sub(1)?, next].map(|k| other.get(k));
+    let (before, after) = (before?.heel_strike, after?.heel_strike);
+    let stride_s = after.time_s - before.time_s;
+    let of_others = 0.5 * before.sigma_s.hypot(after.sigma_s);
+    (stride_s < MAX_STRIDE_S).then(|| {
+        let mean_s = 0.5 * (before.time_s + after.time_s);
+        [mean_s, of_others.hypot(ASYMMETRY * stride_s)]
+    })
 }
 
 /// Times that are tried, s.
@@ -89,8 +121,14 @@ fn seconds(ns: i64) -> f64 {
     1e-9 * ns as f64
 }
 
-/// Heel strike and foot flat of a stance.
-fn strike(foot: &FootStances<'_>, index: usize, config: &EventConfig) -> Strike {
+/// Heel strike and foot flat of a stance. What is known of the strike otherwise is a mean and a
+/// standard deviation, s.
+fn strike(
+    foot: &FootStances<'_>,
+    index: usize,
+    prior: Option<[f64; 2]>,
+    config: &EventConfig,
+) -> Strike {
     let stance = &foot.stances[index];
     let first_s = seconds(stance.times_ns[0]);
     let not_before_s = match index.checked_sub(1) {
@@ -101,14 +139,17 @@ fn strike(foot: &FootStances<'_>, index: usize, config: &EventConfig) -> Strike 
     // The foot is not flat yet in the last frame before the stance.
     let last_moving_s = approach.last().map_or(f64::NEG_INFINITY, |last| last[0]);
     let [loading_s, loading_sigma_s] = config.loading_s;
-    let earliest_s = (first_s - config.max_approach_s - loading_s).max(not_before_s);
+    // A foot may be at rest out of sight for longer than its approach takes.
+    let reach_s = prior.map_or(config.max_approach_s, |_| MAX_HIDDEN_S);
+    let earliest_s = (first_s - reach_s - loading_s).max(not_before_s);
     let times = (0..).map(|n| first_s - STEP_S * f64::from(n));
     let times: Vec<f64> = times.take_while(|t| *t > earliest_s).collect();
     let logs = times.iter().map(|&t| {
         // Foot flat comes after the last frame before the stance, and before its first one.
         let until = |limit: f64| normal_cdf((limit - t - loading_s) / loading_sigma_s);
         let flat = (until(first_s) - until(last_moving_s)).max(1e-12);
-        libm::log(flat) + log_likelihood(&approach, t, config)
+        let by_gait = prior.map_or(0.0, |[mean, sigma]| -0.5 * ((t - mean) / sigma).powi(2));
+        libm::log(flat) + by_gait + log_likelihood(&approach, t, config)
     });
     let logs: Vec<f64> = logs.collect();
     let (time_s, sigma_s) = moments(&times, &logs).unwrap_or((first_s, loading_s));

@@ -148,3 +148,43 @@ fn a_single_stance_has_all_events_in_order() {
     assert!(contact.heel_off.time_s < contact.toe_off.time_s);
     assert!(contact.toe_off.sigma_s > 0.05);
 }
+
+/// Every second step of the left foot is out of sight until 0.28 s after its strike.
+#[test]
+fn strikes_out_of_sight_are_between_those_of_the_other_foot() {
+    let config = GaitConfig::default();
+    let (mut errors, mut hidden) = (Vec::new(), 0);
+    for seed in 0..8 {
+        let phase = 0.1 + 0.017 * seed as f64;
+        let begins = [phase, phase + 0.5 * STRIDE_S];
+        let mut seen = begins.map(|begin| foot(begin, 15.0, 0.005, 40 + seed));
+        seen[0].retain(|own| {
+            let strides = (1e-9 * own.time_ns as f64 - phase + 0.2) / STRIDE_S;
+            let is_odd = strides.floor().rem_euclid(2.0) == 1.0;
+            !is_odd || (strides - strides.floor()) * STRIDE_S > 0.2 + 0.28
+        });
+        let found = [0, 1].map(|k: usize| stances(&seen[k], &config.stance));
+        let feet = [0, 1].map(|k: usize| FootStances {
+            observations: &seen[k],
+            stances: &found[k],
+            heel_m: HEEL_M,
+        });
+        let [left, _] = contacts(feet, &config.events);
+        for contact in &left[1..left.len() - 2] {
+            let strike = contact.heel_strike;
+            let strides = (strike.time_s - phase) / STRIDE_S;
+            let error = (strides - strides.round()) * STRIDE_S;
+            if !strike.is_seen {
+                hidden += 1;
+                errors.push([error, error / strike.sigma_s]);
+            }
+        }
+    }
+    assert!(hidden > 20, "{hidden}");
+    let found = p95(&errors);
+    assert!(found < 0.03, "{found}");
+    assert!(
+        errors.iter().all(|error| error[1].abs() < 3.0),
+        "{errors:?}"
+    );
+}
