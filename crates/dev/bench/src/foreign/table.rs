@@ -82,12 +82,13 @@ fn depth(text: &mut String, of: &Value) {
     let presets = points.iter().filter(|p| {
         ["fast", "balanced", "accurate"].contains(&p["name"].as_str().unwrap_or_default())
     });
-    let mut kinds: Vec<&Value> = points
-        .iter()
-        .map(|p| &p["kind"])
-        .filter(|kind| *kind != "ours")
-        .collect();
-    kinds.dedup();
+    // Settings of a mode are not neighbors.
+    let mut kinds: Vec<&Value> = Vec::new();
+    for kind in points.iter().map(|p| &p["kind"]) {
+        if *kind != "ours" && !kinds.contains(&kind) {
+            kinds.push(kind);
+        }
+    }
     let bad = |p: &Value| p["bad_2"].as_f64().unwrap_or(f64::INFINITY);
     let best = kinds.iter().filter_map(|kind| {
         let own = points.iter().filter(|p| p["kind"] == **kind);
@@ -140,5 +141,35 @@ fn calibration(text: &mut String, of: &Value) {
                 word("text"),
             );
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use serde_json::json;
+
+    use super::*;
+
+    #[test]
+    fn each_mode_of_opencv_has_one_row() {
+        let point = |name: &str, kind: &str, bad_2: f64| json!({ "name": name, "kind": kind, "bad_2": bad_2 });
+        let points = [
+            point("fast", "ours", 0.01),
+            point("BM 5", "BM", 0.04),
+            point("SGBM 5", "SGBM", 0.02),
+            point("BM 9", "BM", 0.03),
+            point("SGBM 9", "SGBM", 0.05),
+        ];
+        let mut text = String::new();
+        depth(&mut text, &json!({ "race": { "points": points } }));
+        let rows: Vec<&str> = text
+            .lines()
+            .filter_map(|line| line.strip_prefix("| "))
+            .collect();
+        let names: Vec<&str> = rows
+            .iter()
+            .filter_map(|row| row.split(" |").next())
+            .collect();
+        assert_eq!(names, ["matcher", "fast", "BM 9", "SGBM 5", "preset"]);
     }
 }
