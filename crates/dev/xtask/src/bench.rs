@@ -18,6 +18,16 @@ const WITH_OPENCV: [&str; 6] = [
     "sim_images",
 ];
 
+/// OpenUSD's validators on an export of the ground.
+const USD_TEST: [&str; 6] = [
+    "test",
+    "--locked",
+    "--package=scene-bundle",
+    "open_usd_sees_the_mesh_and_no_problem",
+    "--",
+    "--show-output",
+];
+
 /// Runs the benchmarks one after the other; the first that fails ends the run.
 pub(crate) fn run(install: bool, names: &[&str], arguments: &[OsString]) -> Result<()> {
     let mut purposes = vec![Purpose::Build, Purpose::Video];
@@ -27,6 +37,9 @@ pub(crate) fn run(install: bool, names: &[&str], arguments: &[OsString]) -> Resu
     }
     if names.contains(&"gtsam") {
         environments.push(&python::GTSAM);
+    }
+    if names.contains(&"usd") {
+        environments.push(&python::USD);
     }
     if names.contains(&"foreign") {
         environments.push(&python::RENDERER);
@@ -45,10 +58,14 @@ pub(crate) fn run(install: bool, names: &[&str], arguments: &[OsString]) -> Resu
     }
     for name in names {
         let mut command = cargo()?;
-        command
-            .args(["run", "--release", "--locked", "--package", "bench", "--"])
-            .arg(name)
-            .args(arguments);
+        match *name {
+            // No measurement: the test that skips itself where the package is not installed.
+            "usd" => command.args(USD_TEST),
+            _ => command
+                .args(["run", "--release", "--locked", "--package", "bench", "--"])
+                .arg(name)
+                .args(arguments),
+        };
         if let Some(data) = process::data_folder()? {
             command.env("PAWS_DATA", data);
         }

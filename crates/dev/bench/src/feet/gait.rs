@@ -7,7 +7,7 @@ use feet::observation::{TagPose, foot_observation, surest};
 use feet::stance::{FootObservation, Stance, stances};
 use feet::swing::SoleEdges;
 use feet::tag_tracker::Detection;
-use feet::track::{FootStatus, FootContacts, foot_poses};
+use feet::track::{FootContacts, FootStatus, foot_poses};
 use feet::{FootConfig, GaitConfig};
 use rig_sim::simulation::Simulation;
 use rig_sim::walker::{Footfall, Phase, Side};

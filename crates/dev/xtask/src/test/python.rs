@@ -29,7 +29,14 @@ pub(crate) const READERS: Environment = Environment {
     list: "interop-requirements.txt",
     imports: "import mcap, mcap_protobuf, av, numpy, cv2, pupil_apriltags, \
               plyfile, laspy, lazrs, pycolmap, onnxruntime, \
-              trimesh, tifffile, rosbags, mujoco, pxr.UsdValidation",
+              trimesh, tifffile, rosbags, mujoco",
+};
+/// OpenUSD.
+pub(crate) const USD: Environment = Environment {
+    variable: "PAWS_USD_PYTHON",
+    folder: "python-usd",
+    list: "usd-requirements.txt",
+    imports: "import numpy, pxr.UsdValidation",
 };
 /// GTSAM.
 pub(crate) const GTSAM: Environment = Environment {
@@ -106,8 +113,20 @@ fn install(folder: &Path, python: &Path, list: &Path) -> Result<()> {
     pip.args(["-m", "pip", "install", "--quiet"])
         .args(["--disable-pip-version-check", "--no-input"])
         .args(["--retries", "2", "--only-binary", ":all:"])
+        .args(["--no-deps", "--no-compile"])
         .arg("--requirement")
         .arg(list);
     process::run(&mut pip)
-        .context("installing the Python packages (is a package index reachable from here?)")
+        .context("installing the Python packages (is a package index reachable from here?)")?;
+    // An environment is made anew when its list changes, never added to.
+    let remove = [
+        "-m",
+        "pip",
+        "uninstall",
+        "--quiet",
+        "--yes",
+        "setuptools",
+        "pip",
+    ];
+    process::run(command(python)?.args(remove)).context("removing the installer")
 }

@@ -68,7 +68,11 @@ impl Plane {
         };
         let observed: Vec<bool> = (0..support.counts.len()).map(is_observed).collect();
         let cells = observed.iter().filter(|is| **is).count();
-        let variances = [outline.sigma_m, outline.tilt_sigma_rad[0], outline.tilt_sigma_rad[1]];
+        let variances = [
+            outline.sigma_m,
+            outline.tilt_sigma_rad[0],
+            outline.tilt_sigma_rad[1],
+        ];
         Self {
             center: outline.center,
             normal: outline.normal,

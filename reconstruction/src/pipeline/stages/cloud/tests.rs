@@ -5,6 +5,7 @@ use scene_bundle::outputs::depth::{DepthImage, DepthView};
 
 use super::*;
 use session_input::Color;
+use terrain::RowMotion;
 
 const WIDTH: u32 = 60;
 const HEIGHT: u32 = 40;

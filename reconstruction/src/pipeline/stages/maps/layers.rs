@@ -74,7 +74,9 @@ pub(super) fn collision(
     };
     let parts = collision.parts.into_iter().map(of_plane);
     Collision {
-        parts: parts.chain(obstacles.into_iter().map(of_obstacle)).collect(),
+        parts: parts
+            .chain(obstacles.into_iter().map(of_obstacle))
+            .collect(),
         layers: collision.layers.into_iter().map(layer).collect(),
         report,
     }

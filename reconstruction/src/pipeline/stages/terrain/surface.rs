@@ -3,10 +3,10 @@
 use scene_bundle::outputs::terrain::{
     EdgeKind, Step, StepEdge, Terrain, TerrainMesh, TerrainPlane, TerrainPolygon,
 };
+use terrain::PlaneConfig;
 use terrain::edges::{self, Edge};
 use terrain::mesh::Mesh;
 use terrain::planes::{Plane, PlaneOutline, Planes, Polygon};
-use terrain::PlaneConfig;
 
 /// Planes and step edges.
 pub(super) fn terrain(planes: &Planes, edges: &[Edge], voxel_m: f64) -> Terrain {
@@ -37,10 +37,17 @@ pub(super) fn mesh_without_planes(simplified: Mesh) -> TerrainMesh {
 }
 
 /// What the output has, as maps and collision parts need it.
-pub(in super::super) fn of_files(terrain: &Terrain, mesh: TerrainMesh) -> (Mesh, Planes, Vec<Edge>) {
+pub(in super::super) fn of_files(
+    terrain: &Terrain,
+    mesh: TerrainMesh,
+) -> (Mesh, Planes, Vec<Edge>) {
     let config = PlaneConfig::default();
     let planes = Planes {
-        planes: terrain.planes.iter().map(|own| plane(own, &config)).collect(),
+        planes: terrain
+            .planes
+            .iter()
+            .map(|own| plane(own, &config))
+            .collect(),
         of_vertex: mesh.planes,
         config,
     };

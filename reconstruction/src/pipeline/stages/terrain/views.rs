@@ -56,11 +56,12 @@ impl<'a> ViewReader<'a> {
             let pixel = |at: [u32; 2]| {
                 let ray = pinhole.unproject(at.map(f64::from))?;
                 let [x, y] = lens.project(left_from_view.rotate(ray))?.map(f64::round);
-                let inside = (0.0..f64::from(width)).contains(&x)
-                    && (0.0..f64::from(height)).contains(&y);
+                let inside =
+                    (0.0..f64::from(width)).contains(&x) && (0.0..f64::from(height)).contains(&y);
                 inside.then(|| y as u32 * width + x as u32)
             };
-            let rows = (0..view.model.height).flat_map(|y| (0..view.model.width).map(move |x| [x, y]));
+            let rows =
+                (0..view.model.height).flat_map(|y| (0..view.model.width).map(move |x| [x, y]));
             let recorded: Vec<Option<u32>> = rows.map(pixel).collect();
             let mut classes = vec![PixelClass::Static; recorded.len()];
             if let Some(wearer) = masks::read(masks, &view.camera, Eye::Left)? {
@@ -72,7 +73,11 @@ impl<'a> ViewReader<'a> {
             depth,
             index,
             masks,
-            cameras: index.views.iter().map(camera).collect::<Result<_, StageError>>()?,
+            cameras: index
+                .views
+                .iter()
+                .map(camera)
+                .collect::<Result<_, StageError>>()?,
             pose_sigma_m,
         })
     }
