@@ -14,6 +14,7 @@
 //! - [`completion`]: part of the ground truth's time that has a pose.
 //! - [`consistency`]: whether stated covariances cover the errors (NEES).
 //! - [`depth`]: depth of keyframes against the ground truth of a simulated walk.
+//! - [`feet`]: contacts and poses of feet, and the ground below them, against [`ground_truth`].
 //! - [`files`]: trajectory files of any supported format.
 //! - [`runs`]: tables of several runs.
 
@@ -25,7 +26,9 @@ pub mod associate;
 pub mod completion;
 pub mod consistency;
 pub mod depth;
+pub mod feet;
 pub mod files;
+pub mod ground_truth;
 pub mod relative;
 pub mod runs;
 pub mod statistics;

@@ -3,7 +3,7 @@
 //! Contract: the page shows images of the cameras; the path from above, colored by its distance
 //! from the ground truth after the best rigid fit, or without ground truth by the stated sigma,
 //! with a caption; the status of the rig over time; cloud and path in three dimensions and from two
-//! sides; each stage with time and memory; and all notes and losses of stages. Missing outputs are
+//! sides; footsteps on the height map and feet over time; the mesh of the ground; each stage with time and memory; and all notes and losses of stages. Missing outputs are
 //! named and left out. It is one file of less than 25 MB. Its text is a function of the bundle, of
 //! the ground truth, of the stage timings and of the images beside the bundle.
 
@@ -16,12 +16,16 @@ use scene_bundle::outputs::{self, CLOUD, KEYFRAMES, TRAJECTORY, TRAJECTORY_CAUSA
 use scene_bundle::{BundleError, Scene, Status, Trajectory};
 
 use crate::camera_images;
+use crate::evaluate::ground_truth::{GroundTruth, GroundTruthError};
 use crate::evaluate::{self, Alignment, Evaluation, Settings, align, associate};
 use crate::pipeline::{self, stage_timings, stages};
 use colors::{UNKNOWN, ramp};
+use ground::Ground;
 use trajectory_map::Step;
 
 mod colors;
+mod footstep_map;
+mod ground;
 mod judgement;
 mod point_raster;
 mod trajectory_map;
@@ -50,6 +54,9 @@ pub enum ReportError {
         /// Error of the operating system.
         source: io::Error,
     },
+    /// The ground truth of feet cannot be read.
+    #[error(transparent)]
+    GroundTruth(#[from] GroundTruthError),
     /// An image cannot be encoded: a defect of the program.
     #[error("encoding an image of the cloud")]
     Image(#[from] png::EncodingError),
@@ -65,11 +72,15 @@ pub struct Report {
 }
 
 /// Renders the page of a bundle. `truth` is the ground-truth trajectory, on the same clock; its
-/// poses before and after the session are ignored.
+/// poses before and after the session are ignored. `feet` is the ground truth of feet.
 ///
 /// # Errors
 /// [`ReportError`].
-pub fn report(scene: &Scene, truth: Option<&Trajectory>) -> Result<Report, ReportError> {
+pub fn report(
+    scene: &Scene,
+    truth: Option<&Trajectory>,
+    feet: Option<&GroundTruth>,
+) -> Result<Report, ReportError> {
     let shown = match scene.has(TRAJECTORY) {
         true => TRAJECTORY,
         false => TRAJECTORY_CAUSAL,
@@ -94,6 +105,8 @@ pub fn report(scene: &Scene, truth: Option<&Trajectory>) -> Result<Report, Repor
             point.x_in_world = moved.map(|c| c as f32);
         }
     }
+    let true_from_estimated = evaluation.as_ref().and_then(|e| e.true_from_estimated);
+    let ground = Ground::read(scene, feet, true_from_estimated)?;
     let causal_off = causal
         .as_ref()
         .zip(truth)
@@ -151,9 +164,14 @@ pub fn report(scene: &Scene, truth: Option<&Trajectory>) -> Result<Report, Repor
     page = map_section(page, &drawn);
     page = page.timeline(&spans(adjusted, causal.as_ref()), "");
     page = cloud_section(page, cloud.as_deref(), &drawn)?;
+    let rig_path: Vec<[f64; 3]> = (trajectory.poses().iter())
+        .filter(|pose| pose.status != Status::Lost)
+        .map(|pose| pose.world_from_rig.translation_m())
+        .collect();
+    page = ground.add(page, &rig_path)?;
     page = stages_section(page, scene)?;
     Ok(Report {
-        summary: summary(evaluation.as_ref(), cloud.as_deref()),
+        summary: summary(evaluation.as_ref(), cloud.as_deref(), &ground),
         html: page.to_html(),
     })
 }
@@ -548,7 +566,11 @@ fn stages_section(page: Page, scene: &Scene) -> Result<Page, ReportError> {
     Ok(page)
 }
 
-fn summary(evaluation: Option<&Evaluation>, cloud: Option<&[CloudPoint]>) -> String {
+fn summary(
+    evaluation: Option<&Evaluation>,
+    cloud: Option<&[CloudPoint]>,
+    ground: &Ground<'_>,
+) -> String {
     let off = match evaluation.map(|e| e.absolute.as_ref()) {
         None => "no ground truth".to_owned(),
         Some(None) => "not comparable with ground truth".to_owned(),
@@ -562,5 +584,9 @@ fn summary(evaluation: Option<&Evaluation>, cloud: Option<&[CloudPoint]>) -> Str
         Some(e) => format!("{off}, {:.1} % complete", 100.0 * e.completion.share),
         None => off,
     };
-    format!("{off}, {} points", cloud.map_or(0, <[_]>::len))
+    format!(
+        "{off}, {} points{}",
+        cloud.map_or(0, <[_]>::len),
+        ground.summary()
+    )
 }

@@ -7,6 +7,7 @@ use anyhow::{Context, Result};
 use clap::Args;
 use command_line::output::print;
 use reconstruction::evaluate::files::{self, LoadedTrajectory};
+use reconstruction::evaluate::ground_truth::GroundTruth;
 use reconstruction::report::report;
 use scene_bundle::outputs::{TRAJECTORY, TRAJECTORY_CAUSAL};
 use scene_bundle::{Scene, layout};
@@ -16,7 +17,8 @@ pub(crate) struct Arguments {
     /// The scene bundle.
     scene: PathBuf,
     /// Ground-truth trajectory: TUM, KITTI or EuRoC, or the truth of a simulated session
-    /// (truth.CAMERA.csv).
+    /// (truth.CAMERA.csv). Ground truth of feet in the same folder (truth.contacts.csv,
+    /// truth.foot-poses.csv) is used, too.
     #[arg(long, value_name = "FILE")]
     truth: Option<PathBuf>,
     /// The page to write. Default: report.html in the bundle.
@@ -38,7 +40,9 @@ pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode> {
         }
         None => None,
     };
-    let page = report(&scene, truth.as_ref())?;
+    let folder = arguments.truth.as_deref().and_then(std::path::Path::parent);
+    let feet = folder.map(GroundTruth::of_folder).transpose()?.flatten();
+    let page = report(&scene, truth.as_ref(), feet.as_ref())?;
     let out = match &arguments.out {
         Some(out) => out.clone(),
         None => scene.path().join(layout::PAGE),

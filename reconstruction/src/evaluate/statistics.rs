@@ -13,6 +13,8 @@ pub struct Statistics {
     pub mean: f64,
     /// Median; for an even number the mean of the middle two.
     pub median: f64,
+    /// 95 % are no larger.
+    pub p95: f64,
     /// Largest.
     pub max: f64,
 }
@@ -29,6 +31,7 @@ impl Statistics {
             rmse: mean_of(errors.iter().map(|e| e * e).sum()).sqrt(),
             mean: mean_of(errors.iter().sum()),
             median: 0.5 * (errors[(count - 1) / 2] + errors[count / 2]),
+            p95: errors[(count * 95).div_ceil(100) - 1],
             max,
         })
     }
@@ -45,6 +48,8 @@ mod tests {
         assert_eq!((of.count, of.mean, of.median, of.max), (4, 2.0, 2.0, 4.0));
         assert_eq!(of.rmse, (26.0_f64 / 4.0).sqrt());
         let odd = Statistics::of(vec![5.0, 1.0, 2.0]).expect("numbers");
-        assert_eq!(odd.median, 2.0);
+        assert_eq!((odd.median, odd.p95), (2.0, 5.0));
+        let hundred = Statistics::of((1..=100).map(f64::from).collect()).expect("numbers");
+        assert_eq!(hundred.p95, 95.0);
     }
 }

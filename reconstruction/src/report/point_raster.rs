@@ -1,6 +1,7 @@
-//! Rasterizer of point clouds: each point is a square of its projected size, the nearest in front.
+//! Rasterizer of point clouds and meshes: each point is a square of its projected size, each
+//! triangle is shaded by its slope, the nearest is in front.
 //!
-//! Contract: the same points give the same image. It is rendered at twice its size and downsampled,
+//! Contract: the same input gives the same image. It is rendered at twice its size and downsampled,
 //! and darkened beside nearer points, so that edges and steps are visible (after Boucheny's
 //! eye-dome lighting, 2009). Empty pixels are transparent, so that images suit light and dark
 //! pages.
@@ -17,6 +18,9 @@ const SHADE_RADIUS_PX: usize = 3;
 pub(super) const TRANSPARENT: [u8; 4] = [255, 255, 255, 0];
 /// Radius of the dots of the path, rendered px.
 const DOT_RADIUS_PX: i64 = 4;
+/// Direction to the light of meshes, and the share of light from everywhere.
+const LIGHT: [f64; 3] = [0.48, 0.36, 0.8];
+const AMBIENT: f64 = 0.35;
 
 /// Viewpoint of an image.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -84,28 +88,97 @@ pub(super) fn draw(
     rig_path: &[([f64; 3], [u8; 3])],
     viewpoint: &Viewpoint,
 ) -> Vec<u8> {
-    let [width, height] = viewpoint.size.map(|n| n * SUPERSAMPLING);
-    let mut canvas = Canvas {
-        width,
-        height,
-        colors: vec![[0; 3]; width * height],
-        depths: vec![f32::INFINITY; width * height],
-    };
+    let mut canvas = Canvas::new(viewpoint);
     for point in points {
         if let Some(project) = viewpoint.project(point.x_in_world.map(f64::from)) {
             canvas.square(&project, edge_m, point.color);
         }
     }
-    canvas.shade(matches!(viewpoint.scale, Scale::Map(_)));
-    for (x_in_world, color) in rig_path {
-        if let Some(project) = viewpoint.project(*x_in_world) {
-            canvas.dot(&project, *color);
+    canvas.finish(rig_path, viewpoint)
+}
+
+/// Renders rows of RGBA of triangles, each with its color; dots of `rig_path` are on top.
+pub(super) fn draw_mesh(
+    triangles: impl Iterator<Item = ([[f64; 3]; 3], [u8; 3])>,
+    rig_path: &[([f64; 3], [u8; 3])],
+    viewpoint: &Viewpoint,
+) -> Vec<u8> {
+    let mut canvas = Canvas::new(viewpoint);
+    for (corners, color) in triangles {
+        if let [Some(a), Some(b), Some(c)] = corners.map(|corner| viewpoint.project(corner)) {
+            canvas.triangle([a, b, c], lit(&corners, color));
         }
     }
-    canvas.downsample()
+    canvas.finish(rig_path, viewpoint)
+}
+
+/// The color of a triangle, lit from either side.
+fn lit(corners: &[[f64; 3]; 3], color: [u8; 3]) -> [u8; 3] {
+    let [a, b, c] = corners.map(nalgebra::Vector3::from);
+    let normal = (b - a).cross(&(c - a));
+    let cosine = normal.dot(&LIGHT.into()).abs() / normal.norm().max(f64::MIN_POSITIVE);
+    let light = AMBIENT + (1.0 - AMBIENT) * cosine.min(1.0);
+    color.map(|part| (f64::from(part) * light).round() as u8)
 }
 
 impl Canvas {
+    fn new(viewpoint: &Viewpoint) -> Self {
+        let [width, height] = viewpoint.size.map(|n| n * SUPERSAMPLING);
+        Self {
+            width,
+            height,
+            colors: vec![[0; 3]; width * height],
+            depths: vec![f32::INFINITY; width * height],
+        }
+    }
+
+    /// Shades, draws the path on top, and downsamples.
+    fn finish(mut self, rig_path: &[([f64; 3], [u8; 3])], viewpoint: &Viewpoint) -> Vec<u8> {
+        self.shade(matches!(viewpoint.scale, Scale::Map(_)));
+        for (x_in_world, color) in rig_path {
+            if let Some(project) = viewpoint.project(*x_in_world) {
+                self.dot(&project, *color);
+            }
+        }
+        self.downsample()
+    }
+
+    /// All pixels with their centers in a triangle, by barycentric coordinates.
+    fn triangle(&mut self, corners: [Projection; 3], color: [u8; 3]) {
+        let [a, b, c] = [0, 1, 2].map(|k| corners[k].at);
+        let area = |p: [f64; 2], q: [f64; 2], r: [f64; 2]| {
+            (q[0] - p[0]) * (r[1] - p[1]) - (q[1] - p[1]) * (r[0] - p[0])
+        };
+        let whole = area(a, b, c);
+        if whole == 0.0 {
+            return;
+        }
+        let range = |k: usize, size: usize| {
+            let of = [a[k], b[k], c[k]];
+            let low = of
+                .into_iter()
+                .fold(f64::INFINITY, f64::min)
+                .floor()
+                .max(0.0);
+            let high = of.into_iter().fold(f64::NEG_INFINITY, f64::max).ceil();
+            low as usize..(high.max(0.0) as usize).min(size)
+        };
+        for y in range(1, self.height) {
+            for x in range(0, self.width) {
+                let at = [x as f64 + 0.5, y as f64 + 0.5];
+                let shares = [area(at, b, c), area(a, at, c), area(a, b, at)].map(|s| s / whole);
+                if shares.iter().any(|share| *share < 0.0) {
+                    continue;
+                }
+                let depth: f64 = (0..3).map(|k| shares[k] * corners[k].depth).sum();
+                let i = y * self.width + x;
+                if (depth as f32) < self.depths[i] {
+                    (self.depths[i], self.colors[i]) = (depth as f32, color);
+                }
+            }
+        }
+    }
+
     fn square(&mut self, project: &Projection, edge_m: f64, color: [u8; 3]) {
         let side = ((edge_m * project.px_per_m).ceil() as i64).clamp(1, MAX_SQUARE_PX);
         let from = project.at.map(|c| (c - 0.5 * side as f64).round() as i64);
@@ -230,6 +303,26 @@ mod tests {
         for points in [[near, far], [far, near]] {
             let image = draw(&points, 0.3, &[], &ahead());
             assert_eq!(pixel(&image, 20, 15), [200, 0, 0, 255]);
+            assert_eq!(pixel(&image, 2, 2), TRANSPARENT);
+        }
+    }
+
+    #[test]
+    fn triangles_cover_what_is_behind_them() {
+        let wall = |x: f64, color: [u8; 3]| {
+            let corner = |y: f64, z: f64| [x, y, z];
+            (
+                [corner(1.0, -1.0), corner(-1.0, -1.0), corner(0.0, 1.0)],
+                color,
+            )
+        };
+        for order in [[0, 1], [1, 0]] {
+            let walls = [wall(2.0, [200, 0, 0]), wall(3.0, [0, 200, 0])];
+            let image = draw_mesh(order.map(|k| walls[k]).into_iter(), &[], &ahead());
+            let [red, green, blue, alpha] = pixel(&image, 20, 15);
+            // Its cosine to the light is 0.48.
+            assert_eq!((green, blue, alpha), (0, 0, 255));
+            assert_eq!(red, (200.0 * (0.35 + 0.65 * 0.48_f64)).round() as u8);
             assert_eq!(pixel(&image, 2, 2), TRANSPARENT);
         }
     }

@@ -163,7 +163,7 @@ fn an_accepted_failure_is_reconstructed_and_marked() {
     assert_eq!(acceptance.accepted_civil_ns, 1_800_000_000_000_000_000);
     assert_eq!(acceptance.metrics[0].metric, "camera.dropped");
     assert_eq!(acceptance.metrics[0].value, Some(0.25));
-    let page = reconstruction::report::report(&scene, None)
+    let page = reconstruction::report::report(&scene, None, None)
         .expect("a page")
         .html;
     for part in [

@@ -108,7 +108,7 @@ impl Demo {
         let (frames, scene) = (path("frames"), path("walk.scene"));
         let page = path("reconstruction.html");
 
-        let rig = process::root()?.join("cad-transforms/rigs/example.toml");
+        let rig = process::root()?.join("cad-transforms/rigs/recommended.toml");
         let text = cameras::configuration(&rig, seconds);
         fs::write(&config, text).with_context(|| format!("writing {config}"))?;
         println!(

@@ -16,6 +16,8 @@ pub const MAX_GRID_SIDE: usize = 65535;
 /// let grid = Grid { cell_m: 0.5, origin_m: [10.0, 20.0], columns: 4, rows: 3 };
 /// assert_eq!(grid.cells(), 12);
 /// assert_eq!(grid.center_m(6), [11.0, 20.5]);
+/// assert_eq!(grid.cell([11.2, 20.3]), Some(6));
+/// assert_eq!(grid.cell([9.7, 20.3]), None);
 /// // Cells reach half a cell beyond their centers.
 /// assert_eq!(grid.corner_m(), [9.75, 19.75]);
 /// ```
@@ -42,6 +44,15 @@ impl Grid {
     pub fn center_m(&self, index: usize) -> [f64; 2] {
         let cell = [index % self.columns, index / self.columns];
         [0, 1].map(|k| self.origin_m[k] + cell[k] as f64 * self.cell_m)
+    }
+
+    /// The cell that contains a position, x and y in the world, m.
+    pub fn cell(&self, at: [f64; 2]) -> Option<usize> {
+        let corner = self.corner_m();
+        let [column, row] = [0, 1].map(|k| (at[k] - corner[k]) / self.cell_m);
+        let is_inside =
+            (0.0..self.columns as f64).contains(&column) && (0.0..self.rows as f64).contains(&row);
+        is_inside.then(|| row as usize * self.columns + column as usize)
     }
 
     /// Corner of the first cell at least x and y, m.
