@@ -44,7 +44,7 @@ pub struct ContactEvent {
     pub time_ns: i64,
     /// Standard deviation of that, s.
     pub sigma_s: f32,
-    /// Whether frames show it; otherwise the gait tells it.
+    /// Whether frames show it; otherwise it follows from the gait.
     pub is_seen: bool,
 }
 

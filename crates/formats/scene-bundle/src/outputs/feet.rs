@@ -32,9 +32,9 @@ const COLUMNS: [Column; 9] = [
 pub enum FootStatus {
     /// A frame shows it at that time, or within 50 ms.
     Observed,
-    /// At rest, out of sight.
+    /// At rest, not seen.
     Held,
-    /// Between two contacts, out of sight.
+    /// Between two contacts, not seen.
     Bridged,
     /// Unknown: the pose is the last known one and must not be used.
     Lost,
