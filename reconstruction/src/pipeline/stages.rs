@@ -7,9 +7,9 @@
 //! | `bundle-adjustment` | hand-off, `rig`, `trajectory-causal`, `trajectory-odom`, `tracks` | `trajectory`, `rig-refined` |
 //! | `depth` | hand-off, `rig-refined`, `trajectory` | `keyframes`, `depth` |
 //! | `cloud` | hand-off, `rig-refined`, `trajectory`, `keyframes`, `depth` | `cloud`, `masks` |
-//! | `terrain` | `rig-refined`, `trajectory`, `keyframes`, `depth`, `cloud`, `masks` | `terrain` |
 //! | `tags` | hand-off, `rig-refined`, `trajectory` | `tag-detections` |
-//! | `feet` | `rig-refined`, `trajectory`, `tag-detections` | `feet`, `contacts` |
+//! | `terrain` | `rig-refined`, `trajectory`, `keyframes`, `depth`, `cloud`, `masks`, `tag-detections` | `terrain` |
+//! | `feet` | `rig-refined`, `trajectory`, `tag-detections`, `keyframes`, `depth` | `feet`, `contacts` |
 //! | `maps` | `terrain`, `contacts` | `maps`, `collision` |
 
 use super::{Pipeline, PipelineError, Stage};
@@ -22,6 +22,8 @@ mod bundle_adjustment;
 mod cloud;
 mod depth;
 mod depth_frames;
+#[cfg(test)]
+mod down_looking;
 mod feet;
 pub mod frame_set_reader;
 mod keyframe_candidates;
@@ -43,8 +45,8 @@ pub const NAMES: [&str; 9] = [
     "bundle-adjustment",
     "depth",
     "cloud",
-    "terrain",
     "tags",
+    "terrain",
     "feet",
     "maps",
 ];
@@ -79,8 +81,8 @@ pub fn pipeline(options: Options) -> Result<Pipeline<Input>, PipelineError> {
         Box::new(cloud::CloudStage {
             networks: options.networks,
         }),
-        Box::new(terrain::TerrainStage),
         Box::new(tags::TagsStage),
+        Box::new(terrain::TerrainStage),
         Box::new(feet::FeetStage),
         Box::new(maps::MapsStage),
     ];

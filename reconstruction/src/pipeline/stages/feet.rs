@@ -1,10 +1,13 @@
 //! Stage `feet`: poses of the wearer's feet, and their contacts with the ground, from the tags on
 //! the shoes.
 //!
-//! Contract: a row per foot and pose of the trajectory; where a foot is not known, it says so. Of
+//! Contract: a row per foot and pose of the trajectory, or none if no tag was seen; a foot that is
+//! not known is lost, and so is one of a rig that is lost. Of
 //! the two poses of a tag that images hardly tell apart the one counts whose sole is more level. A
 //! session in which no tag was seen has no contacts, and a foot of which none was seen is lost
 //! throughout.
+
+use std::collections::BTreeSet;
 
 use ::feet::events::{Contact, Event, FootStances, contacts};
 use ::feet::observation::{TagPose, foot_observation, surest};
@@ -13,17 +16,26 @@ use ::feet::swing::SoleEdges;
 use ::feet::track::{self, FootContacts, foot_poses};
 use ::feet::{FootConfig, GaitConfig};
 use cad_transforms::rig::Foot;
-use scene_bundle::outputs::contacts::{ContactEvent, FootContact};
+use scene_bundle::outputs::contacts::{ContactEvent, ContactView, FootContact};
 use scene_bundle::outputs::feet::{FootPose, FootStatus};
 use scene_bundle::outputs::rig::{RigModel, RigShoe};
 use scene_bundle::outputs::tag_detections::TagDetection;
-use scene_bundle::outputs::{self, CONTACTS, FEET, RIG_REFINED, TAG_DETECTIONS, TRAJECTORY};
-use scene_bundle::{Pose, Trajectory};
+use scene_bundle::outputs::{
+    self, CONTACTS, DEPTH, FEET, KEYFRAMES, RIG_REFINED, TAG_DETECTIONS, TRAJECTORY,
+};
+use scene_bundle::{Pose, Status, Trajectory};
 use serde_json::{Value, json};
 
+use self::contact_views::{ContactViewConfig, Keyframes, contact_views};
+use super::depth_frames::{DepthFrame, instants};
 use super::pose_interpolation::pose_at;
 use crate::input::Input;
 use crate::pipeline::{Stage, StageError, Work};
+
+mod contact_views;
+
+/// Half of the width of a sole without outline, m.
+const USUAL_HALF_WIDTH_M: f64 = 0.05;
 
 /// See the module.
 pub(super) struct FeetStage;
@@ -38,7 +50,7 @@ impl Stage<Input> for FeetStage {
     }
 
     fn inputs(&self) -> &'static [&'static str] {
-        &[RIG_REFINED, TRAJECTORY, TAG_DETECTIONS]
+        &[RIG_REFINED, TRAJECTORY, TAG_DETECTIONS, KEYFRAMES, DEPTH]
     }
 
     fn outputs(&self) -> &'static [&'static str] {
@@ -46,7 +58,11 @@ impl Stage<Input> for FeetStage {
     }
 
     fn settings(&self) -> Value {
-        json!({ "foot": FootConfig::default(), "gait": GaitConfig::default() })
+        json!({
+            "foot": FootConfig::default(),
+            "gait": GaitConfig::default(),
+            "contact_views": ContactViewConfig::default(),
+        })
     }
 
     fn run(&self, work: &Work<'_, Input>) -> Result<(), StageError> {
@@ -86,7 +102,8 @@ impl Stage<Input> for FeetStage {
         }
         rows.sort_by_key(|row| (row.events[0].time_ns, row.foot));
         outputs::feet::write(work.draft(FEET), &poses)?;
-        outputs::contacts::write(work.draft(CONTACTS), &rows)?;
+        let views = views(work, &rig, &trajectory, &rows)?;
+        outputs::contacts::write(work.draft(CONTACTS), &rows, &views)?;
         Ok(())
     }
 }
@@ -104,6 +121,51 @@ fn report(work: &Work<'_, Input>, contacts: &[Vec<Contact>; 2], poses: &[FootPos
         share(&[FootStatus::Held, FootStatus::Bridged]),
         share(&[FootStatus::Lost])
     ));
+}
+
+/// Keyframes that show the places of contacts.
+fn views(
+    work: &Work<'_, Input>,
+    rig: &RigModel,
+    trajectory: &Trajectory,
+    contacts: &[FootContact],
+) -> Result<Vec<ContactView>, StageError> {
+    if contacts.is_empty() {
+        return Ok(Vec::new());
+    }
+    let depth = work.read(DEPTH)?;
+    let index = outputs::depth::read_index(&depth)?;
+    let instants = instants(rig, &index, &work.read(KEYFRAMES)?, trajectory)?;
+    let frames: Vec<DepthFrame> = instants.into_iter().flatten().collect();
+    let keyframes = Keyframes {
+        rig,
+        depth: &depth,
+        index: &index,
+        frames: &frames,
+    };
+    let views = contact_views(
+        contacts,
+        &Foot::ALL.map(|foot| outline(rig, foot)),
+        &keyframes,
+    )?;
+    let places: BTreeSet<u64> = views.iter().map(|view| view.contact).collect();
+    work.note(format!(
+        "keyframes show the places of {} of {} contacts before or after",
+        places.len(),
+        contacts.len()
+    ));
+    Ok(views)
+}
+
+/// Outline of a sole; that of a usual one is the rectangle of its edges.
+fn outline(rig: &RigModel, foot: Foot) -> Vec<[f64; 2]> {
+    let known = shoe(rig, foot).map(|shoe| shoe.outline_m.clone());
+    known.filter(|own| !own.is_empty()).unwrap_or_else(|| {
+        let SoleEdges { heel_m, toe_m } = edges(None);
+        [(-heel_m, -1.0), (toe_m, -1.0), (toe_m, 1.0), (-heel_m, 1.0)]
+            .map(|(x, side)| [x, side * USUAL_HALF_WIDTH_M])
+            .to_vec()
+    })
 }
 
 fn shoe(rig: &RigModel, foot: Foot) -> Option<&RigShoe> {
@@ -166,6 +228,8 @@ fn foot_pose(foot: Foot, rig: &Pose, pose: &track::FootPose) -> FootPose {
         rig_from_foot: rig.world_from_rig.inverse() * pose.world_from_foot,
         covariance: pose.covariance,
         status: match pose.status {
+            // Relative to a rig that is not known.
+            _ if rig.status == Status::Lost => FootStatus::Lost,
             track::FootStatus::Observed => FootStatus::Observed,
             track::FootStatus::Held => FootStatus::Held,
             track::FootStatus::Bridged => FootStatus::Bridged,

@@ -2,7 +2,7 @@
 //!
 //! Contract: depth maps of keyframes are fused twice over. The first pass makes a truncated signed
 //! distance field and its mesh; the second refits planes of the mesh to the depths themselves.
-//! Pixels that masks exclude are not used. Where no depth map shows a surface the mesh has a hole.
+//! Pixels that masks exclude, and those of the wearer's shoes and legs, are not used. Where no depth map shows a surface the mesh has a hole.
 //! Vertices have the colors of the cloud. Memory grows with the area of the surface, not with the
 //! number of keyframes; the result does not depend on the number of threads.
 
@@ -12,12 +12,13 @@ use ::terrain::mesh::Mesh;
 use ::terrain::planes::PlaneRefiner;
 use ::terrain::simplify::simplify;
 use scene_bundle::outputs::{
-    self, CLOUD, DEPTH, KEYFRAMES, MASKS, RIG_REFINED, TERRAIN, TRAJECTORY,
+    self, CLOUD, DEPTH, KEYFRAMES, MASKS, RIG_REFINED, TAG_DETECTIONS, TERRAIN, TRAJECTORY,
 };
 use serde_json::{Value, json};
 
 use self::colors::CloudColors;
 use self::config::TerrainConfig;
+use self::shoes::Shoes;
 use self::views::ViewReader;
 use super::depth_frames::{DepthFrame, instants};
 use crate::input::Input;
@@ -25,6 +26,7 @@ use crate::pipeline::{Stage, StageError, Work};
 
 mod colors;
 mod config;
+mod shoes;
 pub(super) mod surface;
 mod views;
 
@@ -41,7 +43,15 @@ impl Stage<Input> for TerrainStage {
     }
 
     fn inputs(&self) -> &'static [&'static str] {
-        &[RIG_REFINED, TRAJECTORY, KEYFRAMES, DEPTH, CLOUD, MASKS]
+        &[
+            RIG_REFINED,
+            TRAJECTORY,
+            KEYFRAMES,
+            DEPTH,
+            CLOUD,
+            MASKS,
+            TAG_DETECTIONS,
+        ]
     }
 
     fn outputs(&self) -> &'static [&'static str] {
@@ -60,7 +70,9 @@ impl Stage<Input> for TerrainStage {
         let trajectory = outputs::trajectory::read(&work.read(TRAJECTORY)?)?;
         let instants = instants(&rig, &index, &work.read(KEYFRAMES)?, &trajectory)?;
         let frames: Vec<DepthFrame> = instants.into_iter().flatten().collect();
-        let reader = ViewReader::new((&depth, &index), &masks, &rig, config.pose_sigma_m)?;
+        let detections = outputs::tag_detections::read(&work.read(TAG_DETECTIONS)?)?;
+        let shoes = Shoes::new(&rig, &detections, config);
+        let reader = ViewReader::new((&depth, &index), &masks, shoes, &rig, config.pose_sigma_m)?;
         let (mut done, all) = (0, 2 * frames.len() as u64);
         let mut advance = || {
             done += 1;

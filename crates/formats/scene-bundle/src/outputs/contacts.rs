@@ -1,6 +1,12 @@
-//! Output `contacts`: `contacts.npy`, a row per contact of a foot with the ground.
+//! Output `contacts`: `contacts.npy`, a row per contact of a foot with the ground, and `views.npy`,
+//! a row per contact and keyframe that shows its place.
 //!
-//! Contract: rows are sorted by the time of the heel strike and the foot, each once.
+//! Contract: contacts are sorted by the time of the heel strike and the foot, each once, views by
+//! contact, time and camera.
+
+mod views;
+
+pub use views::{ContactView, read_views};
 
 use cad_transforms::rig::Foot;
 use cad_transforms::{Covariance, RigidTransform};
@@ -61,17 +67,18 @@ pub struct FootContact {
     pub covariance: Covariance,
 }
 
-/// Writes contacts, sorted by the time of the heel strike and the foot.
+/// Writes contacts, sorted by the time of the heel strike and the foot, and the keyframes that show
+/// their places, sorted by contact, time and camera.
 ///
 /// # Errors
 /// [`BundleError::Refused`] if they are not sorted, [`BundleError::Io`].
-pub fn write(draft: &Draft, contacts: &[FootContact]) -> Result<(), BundleError> {
-    let key = |contact: &FootContact| (contact.events[0].time_ns, contact.foot);
-    let mut pairs = contacts.windows(2);
-    if let Some(pair) = pairs.find(|pair| key(&pair[0]) >= key(&pair[1])) {
-        let found = format!("{:?} before {:?}", key(&pair[0]), key(&pair[1]));
-        let expected = "contacts sorted by heel strike and foot";
-        return Err(refused(draft, TABLE, found, expected));
+pub fn write(
+    draft: &Draft,
+    contacts: &[FootContact],
+    views: &[ContactView],
+) -> Result<(), BundleError> {
+    if let Some((_, found)) = unsorted(contacts) {
+        return Err(refused(draft, TABLE, found, SORTED));
     }
     let mut table = TableWriter::create(draft, TABLE, &COLUMNS)?;
     for contact in contacts {
@@ -87,7 +94,8 @@ pub fn write(draft: &Draft, contacts: &[FootContact]) -> Result<(), BundleError>
             row.f64(&upper(&contact.covariance));
         })?;
     }
-    table.finish()
+    table.finish()?;
+    views::write(draft, views, contacts.len())
 }
 
 /// Reads contacts, sorted by the time of the heel strike and the foot.
@@ -98,12 +106,32 @@ pub fn read(reader: &OutputReader) -> Result<Vec<FootContact>, BundleError> {
     let bytes = reader.read(TABLE)?;
     let path = reader.file_path(TABLE);
     let rows = rows(&bytes, &COLUMNS, &path)?.enumerate();
-    rows.map(|(row, fields)| {
+    let contacts = rows.map(|(row, fields)| {
         contact(fields).map_err(|(found, expected)| {
             malformed(path.clone(), format!("row {row}"), found, expected)
         })
-    })
-    .collect()
+    });
+    let contacts: Vec<FootContact> = contacts.collect::<Result<_, _>>()?;
+    match unsorted(&contacts) {
+        Some((row, found)) => Err(malformed(path, format!("row {row}"), found, SORTED)),
+        None => Ok(contacts),
+    }
+}
+
+const SORTED: &str = "contacts sorted by heel strike and foot, each once";
+
+/// The first row that is not behind the one before, and both keys.
+fn unsorted(contacts: &[FootContact]) -> Option<(usize, String)> {
+    let key = |contact: &FootContact| (contact.events[0].time_ns, contact.foot);
+    let row = 1 + contacts
+        .windows(2)
+        .position(|pair| key(&pair[0]) >= key(&pair[1]))?;
+    let found = format!(
+        "{:?} before {:?}",
+        key(&contacts[row - 1]),
+        key(&contacts[row])
+    );
+    Some((row, found))
 }
 
 /// A row, or what was found and expected.

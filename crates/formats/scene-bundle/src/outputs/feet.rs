@@ -86,15 +86,8 @@ pub struct FootPose {
 /// # Errors
 /// [`BundleError::Refused`] if they are not sorted, [`BundleError::Io`].
 pub fn write(draft: &Draft, poses: &[FootPose]) -> Result<(), BundleError> {
-    let key = |pose: &FootPose| (pose.foot, pose.time_ns);
-    if let Some(pair) = poses.windows(2).find(|pair| key(&pair[0]) >= key(&pair[1])) {
-        let found = format!("{:?} before {:?}", key(&pair[0]), key(&pair[1]));
-        return Err(refused(
-            draft,
-            TABLE,
-            found,
-            "poses sorted by foot and time",
-        ));
+    if let Some((_, found)) = unsorted(poses) {
+        return Err(refused(draft, TABLE, found, SORTED));
     }
     let mut table = TableWriter::create(draft, TABLE, &COLUMNS)?;
     for pose in poses {
@@ -121,12 +114,28 @@ pub fn read(reader: &OutputReader) -> Result<Vec<FootPose>, BundleError> {
     let bytes = reader.read(TABLE)?;
     let path = reader.file_path(TABLE);
     let rows = rows(&bytes, &COLUMNS, &path)?.enumerate();
-    rows.map(|(row, fields)| {
+    let poses = rows.map(|(row, fields)| {
         pose(fields).map_err(|(found, expected)| {
             malformed(path.clone(), format!("row {row}"), found, expected)
         })
-    })
-    .collect()
+    });
+    let poses: Vec<FootPose> = poses.collect::<Result<_, _>>()?;
+    match unsorted(&poses) {
+        Some((row, found)) => Err(malformed(path, format!("row {row}"), found, SORTED)),
+        None => Ok(poses),
+    }
+}
+
+const SORTED: &str = "poses sorted by foot and time, each once";
+
+/// The first row that is not behind the one before, and both keys.
+fn unsorted(poses: &[FootPose]) -> Option<(usize, String)> {
+    let key = |pose: &FootPose| (pose.foot, pose.time_ns);
+    let row = 1 + poses
+        .windows(2)
+        .position(|pair| key(&pair[0]) >= key(&pair[1]))?;
+    let found = format!("{:?} before {:?}", key(&poses[row - 1]), key(&poses[row]));
+    Some((row, found))
 }
 
 /// A row, or what was found and expected.

@@ -9,6 +9,7 @@ use scene_bundle::{BundleError, OutputReader};
 use session_input::ReadError;
 use terrain::{DepthView, PixelClass, TerrainError};
 
+use super::shoes::Shoes;
 use crate::pipeline::StageError;
 use crate::pipeline::stages::depth_frames::DepthFrame;
 
@@ -20,6 +21,7 @@ pub(super) struct ViewReader<'a> {
     depth: &'a OutputReader,
     index: &'a DepthIndex,
     masks: &'a OutputReader,
+    shoes: Shoes<'a>,
     cameras: Vec<MaskedView>,
     pose_sigma_m: f64,
 }
@@ -44,6 +46,7 @@ impl<'a> ViewReader<'a> {
     pub(super) fn new(
         (depth, index): (&'a OutputReader, &'a DepthIndex),
         masks: &'a OutputReader,
+        shoes: Shoes<'a>,
         rig: &RigModel,
         pose_sigma_m: f64,
     ) -> Result<Self, StageError> {
@@ -73,6 +76,7 @@ impl<'a> ViewReader<'a> {
             depth,
             index,
             masks,
+            shoes,
             cameras: index
                 .views
                 .iter()
@@ -109,9 +113,11 @@ impl<'a> ViewReader<'a> {
             let one = |units: &u16| (f64::from(*units) * unit_m) as f32;
             units.iter().map(one).collect()
         };
+        let depth_m: Vec<f32> = metres(&image.depth, DEPTH_UNIT_M);
+        self.shoes.exclude(view, &frame.key, &depth_m, &mut classes);
         Ok(ViewBuffer {
             frame: *frame,
-            depth_m: metres(&image.depth, DEPTH_UNIT_M),
+            depth_m,
             sigma_m: metres(&image.sigma, SIGMA_UNIT_M),
             classes,
         })

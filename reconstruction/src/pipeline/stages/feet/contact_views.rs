@@ -1,0 +1,219 @@
+//! Keyframes that show the place of a contact, before or after the foot stood there.
+//!
+//! Contract: a place is visible in a keyframe if half of the sole's outline projects into the depth
+//! view and is not hidden by what the depth map shows in front of it. While the foot bears on the
+//! ground, it hides its place. Places without depth are not visible.
+
+use camera_models::Lens;
+use estimator_config::config;
+use rayon::prelude::*;
+use scene_bundle::outputs::contacts::{ContactView, FootContact};
+use scene_bundle::outputs::depth::{
+    DEPTH_UNIT_M, DepthImage, DepthIndex, DepthView, SIGMA_UNIT_M, read,
+};
+use scene_bundle::outputs::rig::RigModel;
+use scene_bundle::{BundleError, OutputReader};
+
+use crate::pipeline::StageError;
+use crate::pipeline::stages::depth_frames::DepthFrame;
+
+config! {
+    /// Constants of the search.
+    pub(super) struct ContactViewConfig {
+        /// Least share of the sole's outline that has to be visible.
+        pub min_share: f64 = 0.5,
+        /// Sigmas by which a depth may be less than that of the sole.
+        pub sigmas: f64 = 3.0,
+        /// One standard deviation of the place of a sole beside that of depth, m.
+        pub place_sigma_m: f64 = 0.01,
+        /// Share of the outline's size at which it is tested, so that the ground beside it does
+        /// not count.
+        pub outline_share: f64 = 0.8,
+    }
+}
+
+/// Keyframes and their depth.
+pub(super) struct Keyframes<'a> {
+    pub(super) rig: &'a RigModel,
+    pub(super) depth: &'a OutputReader,
+    pub(super) index: &'a DepthIndex,
+    pub(super) frames: &'a [DepthFrame],
+}
+
+/// Views of all contacts, sorted by contact, time and camera. `outlines` are those of the soles of
+/// the contacts' feet, in the frame of a foot, m.
+pub(super) fn contact_views(
+    contacts: &[FootContact],
+    outlines: &[Vec<[f64; 2]>; 2],
+    keyframes: &Keyframes<'_>,
+) -> Result<Vec<ContactView>, StageError> {
+    let config = ContactViewConfig::default();
+    let soles: Vec<Vec<[f64; 3]>> = contacts
+        .iter()
+        .map(|contact| sole(contact, &outlines[contact.foot as usize], &config))
+        .collect();
+    let of_frame = |frame: &DepthFrame| -> Result<Vec<ContactView>, BundleError> {
+        let image = read(keyframes.depth, keyframes.index, &frame.key)?;
+        let time_ns = frame.key.time_ns;
+        let found = (0_u64..).zip(contacts).zip(&soles);
+        let found = found.filter(|((_, contact), _)| {
+            let [strike, .., toe_off] = contact.events.map(|event| event.time_ns);
+            !(strike..=toe_off).contains(&time_ns)
+        });
+        let found = found
+            .filter_map(|((number, _), sole)| keyframes.view(number, sole, frame, &image, &config));
+        Ok(found.collect())
+    };
+    let views = keyframes.frames.par_iter().map(of_frame);
+    let mut views: Vec<ContactView> = views.collect::<Result<Vec<_>, _>>()?.concat();
+    views.sort_by_key(|view| (view.contact, view.time_ns, view.camera));
+    Ok(views)
+}
+
+/// The middle of a sole and points of its outline, in the world.
+fn sole(contact: &FootContact, outline: &[[f64; 2]], config: &ContactViewConfig) -> Vec<[f64; 3]> {
+    let shrunk = outline
+        .iter()
+        .map(|point| point.map(|v| v * config.outline_share));
+    let points = std::iter::once([0.0; 2]).chain(shrunk);
+    points
+        .map(|[x, y]| contact.world_from_foot.apply([x, y, 0.0]))
+        .collect()
+}
+
+/// A depth map with its place.
+struct Place<'a> {
+    rig: &'a RigModel,
+    view: &'a DepthView,
+    frame: &'a DepthFrame,
+    image: &'a DepthImage,
+}
+
+impl Place<'_> {
+    fn view(
+        &self,
+        contact: u64,
+        sole: &[[f64; 3]],
+        config: &ContactViewConfig,
+    ) -> Option<ContactView> {
+        let Self {
+            view, frame, image, ..
+        } = *self;
+        let view_from_world = frame.world_from_view.inverse();
+        let is_visible = |point: &&[f64; 3]| {
+            let [x, y, z] = view_from_world.apply(**point);
+            if z <= 0.0 {
+                return false;
+            }
+            let model = &view.model;
+            let pixel = [
+                (model.fx * x / z + model.cx).round(),
+                (model.fy * y / z + model.cy).round(),
+            ];
+            let size = [image.width, image.height].map(f64::from);
+            if !(0..2).all(|k| (0.0..size[k]).contains(&pixel[k])) {
+                return false;
+            }
+            let at = pixel[1] as usize * image.width as usize + pixel[0] as usize;
+            let depth = f64::from(image.depth[at]) * DEPTH_UNIT_M;
+            let sigma = f64::from(image.sigma[at]) * SIGMA_UNIT_M;
+            depth > 0.0 && depth >= z - config.sigmas * sigma.hypot(config.place_sigma_m)
+        };
+        let share = sole.iter().filter(is_visible).count() as f64 / sole.len() as f64;
+        if share < config.min_share {
+            return None;
+        }
+        let (camera, model) = self.rig.camera(&view.camera)?;
+        let in_view = view_from_world.apply(sole[0]);
+        let in_left = view.view_from_left.inverse().apply(in_view);
+        let [column, row] = Lens::new(&model.left).project(in_left)?;
+        Some(ContactView {
+            contact,
+            camera: u8::try_from(camera).ok()?,
+            frame: frame.key.frame,
+            time_ns: frame.key.time_ns,
+            pixel: [column as f32, row as f32],
+            distance_m: in_left.iter().map(|v| v * v).sum::<f64>().sqrt() as f32,
+            visible_share: share as f32,
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use cad_transforms::rig::Foot;
+    use scene_bundle::outputs::depth::DepthKey;
+
+    use super::*;
+    use crate::pipeline::stages::down_looking::{HEIGHT_M, SIZE, at, rig, view};
+
+    /// The place of a sole that is `ahead_m` in front of the camera, on level ground with something
+    /// of this height to the right of the middle.
+    fn seen(ahead_m: f64, right_m: f64, obstacle_m: f64) -> Option<ContactView> {
+        let (rig, view) = (rig(), view());
+        let depth = |pixel: u32| match pixel % SIZE[0] >= SIZE[0] / 2 {
+            true => HEIGHT_M - obstacle_m,
+            false => HEIGHT_M,
+        };
+        let pixels = SIZE[0] * SIZE[1];
+        let image = DepthImage {
+            width: SIZE[0],
+            height: SIZE[1],
+            depth: (0..pixels)
+                .map(|pixel| (depth(pixel) / DEPTH_UNIT_M) as u16)
+                .collect(),
+            sigma: vec![(0.004 / SIGMA_UNIT_M) as u16; pixels as usize],
+        };
+        let frame = DepthFrame {
+            key: DepthKey {
+                view: 0,
+                time_ns: 5,
+                frame: 3,
+                set: 1,
+            },
+            world_from_view: rig.cameras[0].rig_from_left,
+            row_motion: terrain::RowMotion::default(),
+        };
+        let place = Place {
+            rig: &rig,
+            view: &view,
+            frame: &frame,
+            image: &image,
+        };
+        let outline = &rig.shoes[0].outline_m;
+        let foot = at(ahead_m, -right_m, -HEIGHT_M);
+        let points = std::iter::once([0.0; 2]).chain(outline.iter().copied());
+        let sole: Vec<[f64; 3]> = points.map(|[x, y]| foot.apply([x, y, 0.0])).collect();
+        assert_eq!(rig.shoes[0].foot, Foot::Left);
+        place.view(9, &sole, &ContactViewConfig::default())
+    }
+
+    #[test]
+    fn a_place_in_the_image_is_visible_at_its_pixel() {
+        let found = seen(0.1, -0.2, 0.0).expect("in the image");
+        assert_eq!(
+            (found.contact, found.camera, found.frame, found.time_ns),
+            (9, 0, 3, 5)
+        );
+        assert_eq!(found.visible_share, 1.0);
+        // 60 px per unit at 1.2 m: 0.1 m ahead is up, 0.2 m to the left.
+        let [column, row] = found.pixel;
+        assert!(
+            (column - 19.5).abs() < 1e-3 && (row - 14.5).abs() < 1e-3,
+            "{found:?}"
+        );
+        let distance = (0.1_f32 * 0.1 + 0.2 * 0.2 + 1.2 * 1.2).sqrt();
+        assert!((found.distance_m - distance).abs() < 1e-4, "{found:?}");
+    }
+
+    #[test]
+    fn what_is_outside_or_behind_something_is_not_visible() {
+        assert!(seen(0.1, 0.2, 0.0).is_some());
+        assert_eq!(seen(0.1, 0.2, 0.1), None, "behind a shoe");
+        assert!(seen(0.1, 0.2, 0.01).is_some(), "within the noise");
+        assert_eq!(seen(2.0, 0.0, 0.0), None, "outside");
+        // Half of the outline behind something.
+        let half = seen(0.1, 0.0, 0.1).map(|view| view.visible_share);
+        assert!(half.is_none_or(|share| share < 1.0), "{half:?}");
+    }
+}
