@@ -1,7 +1,7 @@
 //! Footsteps on the height map, from above, as SVG.
 //!
-//! Contract: heights are those of the level with the most footsteps, then of the others where that
-//! one has none; colors run from the least to the greatest height within [`NEAR_M`] of a footstep.
+//! Contract: heights are those of the level with the most footsteps, then of others with footsteps
+//! where that one has none; colors run from the least to the greatest height within [`NEAR_M`] of a footstep.
 //! Soles are outlines in the world of the bundle. The scale is the same along both axes.
 
 use std::fmt::Write as _;
@@ -190,6 +190,7 @@ impl Heights {
             cells.filter(|cell| level.has_height(*cell)).count()
         };
         let mut levels: Vec<&MapLevel> = map.levels.iter().collect();
+        levels.retain(|level| on(level) > 0);
         levels.sort_by_key(|level| std::cmp::Reverse(on(level)));
         let places = (0..rows).flat_map(|row| (0..columns).map(move |column| (row, column)));
         let values = places.map(|(row, column)| {
@@ -262,8 +263,15 @@ mod tests {
 
     #[test]
     fn the_level_with_the_footsteps_is_in_front() {
-        let steps = [step(0.0, Foot::Left), step(1.0, Foot::Right)];
-        let levels = [level(3.0, 20..40), level(0.3, 0..25)];
+        // The first level is nowhere below a footstep, the others are.
+        let steps = [
+            step(0.0, Foot::Left),
+            step(0.5, Foot::Left),
+            step(1.2, Foot::Right),
+        ];
+        let mut high = level(3.0, 22..40);
+        high.grid.origin_m[1] = 5.0;
+        let levels = [high, level(2.0, 20..40), level(0.3, 0..20)];
         let map = FootstepMap {
             levels: &levels,
             footsteps: &steps,
@@ -271,12 +279,12 @@ mod tests {
         };
         let sheet = Sheet::of(&steps, 400.0).expect("footsteps");
         let heights = Heights::new(&map, &sheet);
-        assert_eq!(heights.range, Some((0.3, 3.0)));
+        assert_eq!(heights.range, Some((0.3, 2.0)));
         let of_x = |x: f64| {
             let column = ((x - sheet.low[0]) / 0.1) as usize;
             heights.values[10 * heights.columns + column]
         };
-        assert_eq!((of_x(0.5), of_x(1.2), of_x(1.7)), (0.3, 0.3, 3.0));
+        assert_eq!((of_x(0.5), of_x(1.2), of_x(1.7)), (0.3, 2.0, 2.0));
     }
 
     #[test]

@@ -6,7 +6,7 @@
 
 use cad_transforms::RigidTransform;
 use cad_transforms::rig::Foot;
-use charts::{Axis, Cell, Chart, Image, Page, Series, Span, Table, Timeline, si};
+use charts::{Axis, BREAK, Cell, Chart, Image, Page, Series, Span, Table, Timeline, si};
 use scene_bundle::outputs::cloud::CloudPoint;
 use scene_bundle::outputs::contacts::FootContact;
 use scene_bundle::outputs::feet::{FootPose, FootStatus};
@@ -220,6 +220,20 @@ impl<'a> Ground<'a> {
         let mut chart = Chart::new(&format!("Height of the sole, {}", name(foot)))
             .x_axis(Axis::time("time"))
             .y_axis(Axis::linear("height in the world", "cm"));
+        let is = |k: usize, status: FootStatus| poses.get(k).is_some_and(|p| p.status == status);
+        let is_bridged = |k: usize| is(k, FootStatus::Bridged);
+        // A bridge is drawn to the poses at its ends.
+        let is_end = |k: usize| is_bridged(k + 1) || k > 0 && is_bridged(k - 1);
+        let line = |is_drawn: &dyn Fn(usize) -> bool| -> Vec<(f64, f64)> {
+            let points = poses.iter().enumerate().map(|(k, pose)| match is_drawn(k) {
+                true => (self.seconds(pose.time_ns), height(pose)),
+                false => BREAK,
+            });
+            points.collect()
+        };
+        let is_lost = |k: usize| is(k, FootStatus::Lost);
+        let seen = line(&|k| !is_bridged(k) && !is_lost(k));
+        let bridged = line(&|k| is_bridged(k) || is_end(k) && !is_lost(k));
         if let Some((truth, similarity)) = &self.truth {
             let estimated_from_true = similarity.rigid.inverse();
             let line = poses.iter().filter_map(|pose| {
@@ -227,30 +241,11 @@ impl<'a> Ground<'a> {
                 let [_, _, z] = estimated_from_true.apply(truth.translation_m());
                 Some((self.seconds(pose.time_ns), 100.0 * z))
             });
-            chart = chart.series(Series::line("ground truth", line).slot(7));
+            chart = chart.series(Series::line("ground truth", line).slot(3));
         }
-        for (slot, statuses, label) in [
-            (
-                0,
-                &[FootStatus::Observed, FootStatus::Held][..],
-                "observed or held",
-            ),
-            (1, &[FootStatus::Bridged][..], "bridged"),
-        ] {
-            let line = poses.iter().enumerate().map(|(k, pose)| {
-                let next = poses
-                    .get(k + 1)
-                    .is_some_and(|p| statuses.contains(&p.status));
-                let before = k > 0 && statuses.contains(&poses[k - 1].status);
-                // A bridge is drawn to the poses at its ends.
-                let is_end =
-                    label == "bridged" && (next || before) && pose.status != FootStatus::Lost;
-                let is_drawn = statuses.contains(&pose.status) || is_end;
-                let value = if is_drawn { height(pose) } else { f64::NAN };
-                (self.seconds(pose.time_ns), value)
-            });
-            chart = chart.series(Series::line(label, line).slot(slot));
-        }
+        chart = chart
+            .series(Series::line("observed or held", seen).slot(0))
+            .series(Series::line("bridged", bridged).slot(1));
         chart
     }
 

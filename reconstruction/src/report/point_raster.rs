@@ -116,7 +116,8 @@ pub(super) fn draw_mesh(
 fn lit(corners: &[[f64; 3]; 3], color: [u8; 3]) -> [u8; 3] {
     let [a, b, c] = corners.map(nalgebra::Vector3::from);
     let normal = (b - a).cross(&(c - a));
-    let cosine = normal.dot(&LIGHT.into()).abs() / normal.norm().max(f64::MIN_POSITIVE);
+    let light = nalgebra::Vector3::from(LIGHT);
+    let cosine = normal.dot(&light).abs() / normal.norm().max(f64::MIN_POSITIVE);
     let light = AMBIENT + (1.0 - AMBIENT) * cosine.min(1.0);
     color.map(|part| (f64::from(part) * light).round() as u8)
 }

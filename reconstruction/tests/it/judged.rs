@@ -69,7 +69,7 @@ impl Desk {
         ]);
         let text = String::from_utf8_lossy(&output.stdout).into_owned();
         assert!(
-            text.contains("0 stages run, 5 up to date"),
+            text.contains("0 stages run, 9 up to date"),
             "{text}{}",
             said(&output)
         );

@@ -4,6 +4,7 @@
 mod command;
 mod evaluate;
 mod frame_set_reader;
+mod ground;
 mod hostile;
 mod judged;
 mod read_back;

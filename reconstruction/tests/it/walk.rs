@@ -26,18 +26,28 @@ use session_archive::handoff::Verdict;
 use crate::frame_set_reader::RIG;
 use crate::session::{index, seal_session};
 
-const STAGES: [&str; 5] = ["rig", "odometry", "bundle-adjustment", "depth", "cloud"];
+const STAGES: [&str; 9] = [
+    "rig",
+    "odometry",
+    "bundle-adjustment",
+    "depth",
+    "cloud",
+    "tags",
+    "terrain",
+    "feet",
+    "maps",
+];
 
-struct Walk {
+pub(crate) struct Walk {
     simulation: Arc<Simulation>,
-    session: PathBuf,
+    pub(crate) session: PathBuf,
     /// The bundle written with one thread.
-    scene: PathBuf,
+    pub(crate) scene: PathBuf,
     _folder: tempfile::TempDir,
 }
 
 /// Four seconds on a plaza where people walk about, reconstructed once for all tests.
-fn walk() -> &'static Walk {
+pub(crate) fn walk() -> &'static Walk {
     static WALK: OnceLock<Walk> = OnceLock::new();
     WALK.get_or_init(|| {
         let folder = tempfile::tempdir().expect("folder");
@@ -112,11 +122,11 @@ fn hashes(scene: &Path) -> BTreeMap<String, String> {
         .collect()
 }
 
-fn truth(walk: &Walk) -> PathBuf {
+pub(crate) fn truth(walk: &Walk) -> PathBuf {
     walk.session.join("rig/truth.left_shoulder.csv")
 }
 
-fn evaluation(walk: &Walk) -> Evaluation {
+pub(crate) fn evaluation(walk: &Walk) -> Evaluation {
     let estimate = files::load(&walk.scene, Some("trajectory")).expect("a trajectory");
     let truth = files::load(&truth(walk), None).expect("the truth");
     evaluate(
@@ -364,10 +374,10 @@ fn the_report_states_whether_it_has_ground_truth() {
     ] {
         assert!(page.contains(expected), "{expected}");
     }
-    // Two images of the cloud, the view in three dimensions, and images of each camera, in the page
-    // itself.
+    // Two images of the cloud and one of the mesh, the view in three dimensions, and images of each
+    // camera, in the page itself.
     assert_eq!(charts::inspect(&page), Ok(()));
-    assert_eq!(page.matches("src=\"data:image/png;base64,").count(), 2);
+    assert_eq!(page.matches("src=\"data:image/png;base64,").count(), 3);
     for expected in [
         "id=\"viewer-data\"",
         " (100.0 %) are in this view",

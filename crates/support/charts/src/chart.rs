@@ -271,7 +271,9 @@ impl Chart {
                 not_finite = h.not_finite;
             } else {
                 for p in series.points() {
-                    if ![p.0, p.1].iter().all(|v| v.abs() < 1e100) {
+                    if p.0.is_nan() && p.1.is_nan() {
+                        // A break on purpose.
+                    } else if ![p.0, p.1].iter().all(|v| v.abs() < 1e100) {
                         not_finite += 1;
                     } else if !self.usable(p) {
                         not_positive += 1;

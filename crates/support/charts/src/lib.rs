@@ -46,7 +46,7 @@ pub use axis::{Axis, si, significant};
 pub use chart::Chart;
 pub use html::{Cell, Image, Page, Table, Verdict, base64};
 pub use inspect::inspect;
-pub use series::{Bins, Series};
+pub use series::{BREAK, Bins, Series};
 pub use timeline::{Span, Timeline};
 
 /// Width of a chart in a report page, CSS pixels.

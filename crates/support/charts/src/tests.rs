@@ -232,6 +232,16 @@ fn what_is_left_out_is_counted_and_breaks_the_line() {
 }
 
 #[test]
+fn a_line_breaks_on_purpose_without_a_note() {
+    let points = [(0.0, 1.0), (1.0, 2.0), BREAK, (3.0, 3.0), (4.0, 2.0)];
+    let svg = Chart::new("")
+        .series(Series::line("x", points))
+        .to_svg(400, 200);
+    assert_eq!(svg.matches("<polyline").count(), 2);
+    assert!(!svg.contains("not finite"), "{svg}");
+}
+
+#[test]
 fn no_data_is_said_and_no_scale_is_invented() {
     for series in [
         Series::line("", []),

@@ -55,13 +55,19 @@ pub(super) fn contact_views(
     let of_frame = |frame: &DepthFrame| -> Result<Vec<ContactView>, BundleError> {
         let image = read(keyframes.depth, keyframes.index, &frame.key)?;
         let time_ns = frame.key.time_ns;
-        let found = (0_u64..).zip(contacts).zip(&soles);
-        let found = found.filter(|((_, contact), _)| {
+        let place = Place {
+            rig: keyframes.rig,
+            view: &keyframes.index.views[frame.key.view],
+            frame,
+            image: &image,
+        };
+        let bears = |contact: &FootContact| {
             let [strike, .., toe_off] = contact.events.map(|event| event.time_ns);
-            !(strike..=toe_off).contains(&time_ns)
-        });
-        let found = found
-            .filter_map(|((number, _), sole)| keyframes.view(number, sole, frame, &image, &config));
+            (strike..=toe_off).contains(&time_ns)
+        };
+        let found = (0_u64..).zip(contacts).zip(&soles);
+        let found = found.filter(|((_, contact), _)| !bears(contact));
+        let found = found.filter_map(|((number, _), sole)| place.view(number, sole, &config));
         Ok(found.collect())
     };
     let views = keyframes.frames.par_iter().map(of_frame);

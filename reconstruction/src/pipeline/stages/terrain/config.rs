@@ -12,7 +12,7 @@ config! {
         pub pose_sigma_m: f64 = 0.003,
         /// Length and width added to the outline of a sole for what is excluded as a shoe, m: shoes
         /// are wider than their soles, and the pose has errors.
-        pub shoe_margin_m: f64 = 0.05,
+        pub shoe_margin_m: f64 = 0.025,
         /// Least height above the sole that is excluded, m: ground beside the sole is lower.
         pub shoe_low_m: f64 = 0.012,
         /// Greatest height that is excluded, m: the shank.

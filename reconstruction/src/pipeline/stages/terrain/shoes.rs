@@ -4,12 +4,13 @@
 //! would remain as a bump where it stood.
 
 use cad_transforms::RigidTransform;
-use scene_bundle::outputs::depth::{DepthKey, DepthView};
+use scene_bundle::outputs::depth::DepthView;
 use scene_bundle::outputs::rig::{RigModel, RigShoe};
 use scene_bundle::outputs::tag_detections::TagDetection;
 use terrain::PixelClass;
 
 use super::config::TerrainConfig;
+use crate::pipeline::stages::depth_frames::DepthFrame;
 
 /// Maximum time between a depth map and a detection of the same set, ns: a foot moves by less than
 /// the margin relative to the rig.
@@ -49,11 +50,11 @@ impl<'a> Shoes<'a> {
     pub(super) fn exclude(
         &self,
         view: &DepthView,
-        key: &DepthKey,
+        frame: &DepthFrame,
         depth_m: &[f32],
         classes: &mut [PixelClass],
     ) {
-        let boxes: Vec<ShoeBox> = self.boxes(view, key);
+        let boxes: Vec<ShoeBox> = self.boxes(view, frame);
         if boxes.is_empty() {
             return;
         }
@@ -76,32 +77,37 @@ impl<'a> Shoes<'a> {
         }
     }
 
-    fn boxes(&self, view: &DepthView, key: &DepthKey) -> Vec<ShoeBox> {
+    fn boxes(&self, view: &DepthView, frame: &DepthFrame) -> Vec<ShoeBox> {
         let Some((_, camera)) = self.rig.camera(&view.camera) else {
             return Vec::new();
         };
         let view_from_rig = view.view_from_left * camera.rig_from_left.inverse();
-        let times = key.time_ns - SAME_SET_NS..=key.time_ns + SAME_SET_NS;
+        let time_ns = frame.key.time_ns;
+        let times = time_ns - SAME_SET_NS..=time_ns + SAME_SET_NS;
         let first = self
             .detections
             .partition_point(|own| own.time_ns < *times.start());
         let near = self.detections[first..].iter();
         let near = near.take_while(|own| own.time_ns <= *times.end());
-        let found = near.filter_map(|own| {
+        let up_in_view = frame.world_from_view.inverse().rotate([0.0, 0.0, 1.0]);
+        near.filter_map(|own| {
             let shoe = self.rig.shoes.iter().find(|shoe| shoe.foot == own.foot)?;
             let tag = shoe.tags.iter().find(|tag| u64::from(tag.id) == own.tag)?;
-            // Of the two poses that the image hardly tells apart, what either excludes.
+            let view_from_foot = |rig_from_tag: &RigidTransform| {
+                view_from_rig * *rig_from_tag * tag.foot_from_tag.inverse()
+            };
+            // Of the two poses that the image hardly tells apart, that with the more level sole.
+            let level = |view_from_foot: &RigidTransform| {
+                let normal = view_from_foot.rotate([0.0, 0.0, 1.0]);
+                (0..3).map(|k| normal[k] * up_in_view[k]).sum::<f64>()
+            };
             let second = own.second.map(|second| second.rig_from_tag);
             let poses = [Some(own.rig_from_tag), second].into_iter().flatten();
-            Some(poses.map(move |rig_from_tag| {
-                let foot_from_rig = tag.foot_from_tag * rig_from_tag.inverse();
-                (shoe, foot_from_rig * view_from_rig.inverse())
-            }))
-        });
-        found
-            .flatten()
-            .map(|(shoe, foot_from_view)| shoe_box(shoe, foot_from_view, &self.config))
-            .collect()
+            let poses = poses.map(|pose| view_from_foot(&pose));
+            let pose = poses.max_by(|a, b| level(a).total_cmp(&level(b)))?;
+            Some(shoe_box(shoe, pose.inverse(), &self.config))
+        })
+        .collect()
     }
 }
 

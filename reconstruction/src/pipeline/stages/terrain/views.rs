@@ -114,7 +114,7 @@ impl<'a> ViewReader<'a> {
             units.iter().map(one).collect()
         };
         let depth_m: Vec<f32> = metres(&image.depth, DEPTH_UNIT_M);
-        self.shoes.exclude(view, &frame.key, &depth_m, &mut classes);
+        self.shoes.exclude(view, frame, &depth_m, &mut classes);
         Ok(ViewBuffer {
             frame: *frame,
             depth_m,

@@ -1,5 +1,6 @@
 use cad_transforms::Covariance;
 use cad_transforms::rig::Foot;
+use scene_bundle::outputs::depth::DepthKey;
 
 use super::*;
 use crate::pipeline::stages::down_looking::{HEIGHT_M, SIZE, at, rig, view};
@@ -24,11 +25,15 @@ fn detection(time_ns: i64) -> TagDetection {
 fn excluded(detections: &[TagDetection], shoe_m: f64) -> Vec<[f64; 2]> {
     let rig = rig();
     let view = view();
-    let key = DepthKey {
-        view: 0,
-        time_ns: 1_000_000_000,
-        frame: 0,
-        set: 0,
+    let frame = DepthFrame {
+        key: DepthKey {
+            view: 0,
+            time_ns: 1_000_000_000,
+            frame: 0,
+            set: 0,
+        },
+        world_from_view: rig.cameras[0].rig_from_left,
+        row_motion: terrain::RowMotion::default(),
     };
     let place = |pixel: usize, depth: f64| {
         let [x, y] = [pixel % SIZE[0] as usize, pixel / SIZE[0] as usize].map(|v| v as f64);
@@ -49,7 +54,7 @@ fn excluded(detections: &[TagDetection], shoe_m: f64) -> Vec<[f64; 2]> {
         .collect();
     let mut classes = vec![PixelClass::Static; pixels];
     let shoes = Shoes::new(&rig, detections, TerrainConfig::default());
-    shoes.exclude(&view, &key, &depth_m, &mut classes);
+    shoes.exclude(&view, &frame, &depth_m, &mut classes);
     let shown: Vec<usize> = (0..pixels)
         .filter(|pixel| classes[*pixel] == PixelClass::Excluded)
         .collect();
@@ -81,14 +86,18 @@ fn shoes_of_other_frames_exclude_nothing() {
 }
 
 #[test]
-fn either_pose_of_a_tag_excludes() {
+fn the_pose_with_the_more_level_sole_counts() {
     let mut tilted = detection(1_000_000_000);
     let right = tilted.rig_from_tag;
-    tilted.rig_from_tag = at(3.0, 0.0, 0.0) * right;
-    assert!(excluded(&[tilted], 0.08).is_empty());
+    let foot_from_tag = at(0.08, 0.0, 0.08);
+    let turn = RigidTransform::from_rotation_vector([0.0, 0.5, 0.0], [0.0; 3]).expect("finite");
+    tilted.rig_from_tag = right * foot_from_tag.inverse() * turn * foot_from_tag;
     tilted.second = Some(scene_bundle::outputs::tag_detections::SecondPose {
         rig_from_tag: right,
         excess_cost: 1.0,
     });
-    assert!(!excluded(&[tilted], 0.08).is_empty());
+    assert_eq!(
+        excluded(&[tilted], 0.08),
+        excluded(&[detection(1_000_000_000)], 0.08)
+    );
 }
