@@ -10,7 +10,7 @@
 //! | `tags` | hand-off, `rig-refined`, `trajectory` | `tag-detections` |
 //! | `terrain` | `rig-refined`, `trajectory`, `keyframes`, `depth`, `cloud`, `masks`, `tag-detections` | `terrain` |
 //! | `feet` | `rig-refined`, `trajectory`, `tag-detections`, `keyframes`, `depth` | `feet`, `contacts` |
-//! | `maps` | `terrain`, `contacts` | `maps`, `collision` |
+//! | `maps` | `terrain`, `contacts`, `rig-refined` | `maps`, `collision` |
 
 use super::{Pipeline, PipelineError, Stage};
 use crate::input::Input;
@@ -35,6 +35,7 @@ mod pose_interpolation;
 mod preset;
 pub mod rig;
 mod rolling_shutter;
+pub(crate) mod soles;
 mod tags;
 mod terrain;
 

@@ -1,7 +1,7 @@
 //! Footsteps on the height map, from above, as SVG.
 //!
 //! Contract: heights are those of the level with the most footsteps, then of others with footsteps
-//! where that one has none; colors run from the least to the greatest height within [`NEAR_M`] of a footstep.
+//! where that one has none; colors run over nearly all heights within [`NEAR_M`] of a footstep.
 //! Soles are outlines in the world of the bundle. The scale is the same along both axes.
 
 use std::fmt::Write as _;
@@ -11,7 +11,7 @@ use cad_transforms::rig::Foot;
 use scene_bundle::outputs::maps::MapLevel;
 
 use super::colors::{hex, ramp};
-use super::png;
+use super::{png, views};
 
 /// Half of the drawn surroundings of the footsteps, m.
 const NEAR_M: f64 = 1.0;
@@ -203,11 +203,9 @@ impl Heights {
             cells.into_iter().next().unwrap_or(f32::NAN)
         });
         let values: Vec<f32> = values.collect();
-        let known = values.iter().copied().filter(|value| !value.is_nan());
-        let range = known.fold(None, |range: Option<(f32, f32)>, value| {
-            let (low, high) = range.unwrap_or((value, value));
-            Some((low.min(value), high.max(value)))
-        });
+        let known = values.iter().filter(|value| !value.is_nan());
+        let range = views::range(known.map(|value| f64::from(*value)));
+        let range = range.map(|(low, high)| (low as f32, high as f32));
         Self {
             columns,
             values,

@@ -20,9 +20,7 @@ use super::{ReportError, footstep_map, png, point_raster, views};
 use crate::evaluate::Similarity;
 use crate::evaluate::feet::{FeetEvaluation, GroundEvaluation, evaluate_feet, evaluate_ground};
 use crate::evaluate::ground_truth::GroundTruth;
-
-/// Outline of a sole that the rig file does not give, m.
-const USUAL_SOLE: [[f64; 2]; 4] = [[-0.13, -0.05], [0.15, -0.05], [0.15, 0.05], [-0.13, 0.05]];
+use crate::pipeline::stages::soles;
 
 /// Feet and ground of a bundle; empty where it has none.
 pub(super) struct Ground<'a> {
@@ -58,21 +56,13 @@ impl<'a> Ground<'a> {
             let terrain = outputs::terrain::read(&reader)?;
             outputs::terrain::read_mesh(&reader, MeshDetail::Dense, &terrain)
         });
-        let soles = Foot::ALL.map(|foot| {
-            let shoes = rig.iter().flat_map(|rig| &rig.shoes);
-            let own = shoes
-                .filter(|shoe| shoe.foot == foot)
-                .map(|s| s.outline_m.clone());
-            own.into_iter()
-                .find(|outline| !outline.is_empty())
-                .unwrap_or_else(|| USUAL_SOLE.to_vec())
-        });
+        let soles = Foot::ALL.map(|foot| rig.as_ref().map(|rig| soles::outline(rig, foot)));
         Ok(Self {
             contacts: contacts.transpose()?.unwrap_or_default(),
             poses: poses.transpose()?.unwrap_or_default(),
             levels,
             mesh: mesh.transpose()?,
-            soles,
+            soles: soles.map(Option::unwrap_or_default),
             truth: truth.zip(true_from_estimated),
         })
     }

@@ -12,13 +12,12 @@ use std::collections::BTreeSet;
 use ::feet::events::{Contact, Event, FootStances, contacts};
 use ::feet::observation::{TagPose, foot_observation, surest};
 use ::feet::stance::{FootObservation, Stance, stances};
-use ::feet::swing::SoleEdges;
 use ::feet::track::{self, FootContacts, foot_poses};
 use ::feet::{FootConfig, GaitConfig};
 use cad_transforms::rig::Foot;
 use scene_bundle::outputs::contacts::{ContactEvent, ContactView, FootContact};
 use scene_bundle::outputs::feet::{FootPose, FootStatus};
-use scene_bundle::outputs::rig::{RigModel, RigShoe};
+use scene_bundle::outputs::rig::RigModel;
 use scene_bundle::outputs::tag_detections::TagDetection;
 use scene_bundle::outputs::{
     self, CONTACTS, DEPTH, FEET, KEYFRAMES, RIG_REFINED, TAG_DETECTIONS, TRAJECTORY,
@@ -29,13 +28,11 @@ use serde_json::{Value, json};
 use self::contact_views::{ContactViewConfig, Keyframes, contact_views};
 use super::depth_frames::{DepthFrame, instants};
 use super::pose_interpolation::pose_at;
+use super::soles::{edges, outline, shoe};
 use crate::input::Input;
 use crate::pipeline::{Stage, StageError, Work};
 
 mod contact_views;
-
-/// Half of the width of a sole without outline, m.
-const USUAL_HALF_WIDTH_M: f64 = 0.05;
 
 /// See the module.
 pub(super) struct FeetStage;
@@ -71,7 +68,7 @@ impl Stage<Input> for FeetStage {
         let detections = outputs::tag_detections::read(&work.read(TAG_DETECTIONS)?)?;
         let config = GaitConfig::default();
         let observed = Foot::ALL.map(|foot| observations(foot, &rig, &trajectory, &detections));
-        let soles = Foot::ALL.map(|foot| edges(shoe(&rig, foot)));
+        let soles = Foot::ALL.map(|foot| edges(&rig, foot));
         let at_rest: [Vec<Stance>; 2] = observed.each_ref().map(|own| stances(own, &config.stance));
         let seen = [0, 1].map(|k: usize| FootStances {
             observations: &observed[k],
@@ -155,40 +152,6 @@ fn views(
         contacts.len()
     ));
     Ok(views)
-}
-
-/// Outline of a sole; that of a usual one is the rectangle of its edges.
-fn outline(rig: &RigModel, foot: Foot) -> Vec<[f64; 2]> {
-    let known = shoe(rig, foot).map(|shoe| shoe.outline_m.clone());
-    known.filter(|own| !own.is_empty()).unwrap_or_else(|| {
-        let SoleEdges { heel_m, toe_m } = edges(None);
-        [(-heel_m, -1.0), (toe_m, -1.0), (toe_m, 1.0), (-heel_m, 1.0)]
-            .map(|(x, side)| [x, side * USUAL_HALF_WIDTH_M])
-            .to_vec()
-    })
-}
-
-fn shoe(rig: &RigModel, foot: Foot) -> Option<&RigShoe> {
-    rig.shoes.iter().find(|shoe| shoe.foot == foot)
-}
-
-/// Front and rear edge of a sole; of a usual one where its outline is unknown.
-fn edges(shoe: Option<&RigShoe>) -> SoleEdges {
-    let usual = FootConfig::default();
-    let outline = shoe
-        .map(|shoe| shoe.outline_m.as_slice())
-        .unwrap_or_default();
-    let x = outline.iter().map(|[x, _]| *x);
-    match outline.is_empty() {
-        true => SoleEdges {
-            heel_m: usual.heel_m,
-            toe_m: usual.toe_m,
-        },
-        false => SoleEdges {
-            heel_m: -x.clone().fold(f64::INFINITY, f64::min),
-            toe_m: x.fold(f64::NEG_INFINITY, f64::max),
-        },
-    }
 }
 
 /// Poses of a foot in the world by its tags, where the pose of the rig is known.

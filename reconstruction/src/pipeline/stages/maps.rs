@@ -1,22 +1,25 @@
 //! Stage `maps`: maps of the walkable levels for foothold planning, and convex parts for physics.
 //!
-//! Contract: contacts of feet are ground samples. They give heights where depth has none, and win
+//! Contract: the ground below soles at rest is known from them. They give heights where depth has none, and win
 //! where it contradicts them; both are flagged. What no view saw and no foot touched is unknown,
 //! not free.
 
 use scene_bundle::outputs::contacts::FootContact;
 use scene_bundle::outputs::terrain::MeshDetail;
-use scene_bundle::outputs::{self, COLLISION, CONTACTS, MAPS, TERRAIN};
+use scene_bundle::outputs::{self, COLLISION, CONTACTS, MAPS, RIG_REFINED, TERRAIN};
 use serde_json::{Value, json};
 use terrain::convex::{collision_parts, obstacle_parts};
 use terrain::maps::{FREE, GroundSample, build};
 
 use self::config::MapsConfig;
+use self::contact_patches::contact_patch;
+use super::soles::outline;
 use super::terrain::surface::of_files;
 use crate::input::Input;
 use crate::pipeline::{Stage, StageError, Work};
 
 mod config;
+mod contact_patches;
 mod layers;
 
 /// See the module.
@@ -32,7 +35,7 @@ impl Stage<Input> for MapsStage {
     }
 
     fn inputs(&self) -> &'static [&'static str] {
-        &[TERRAIN, CONTACTS]
+        &[TERRAIN, CONTACTS, RIG_REFINED]
     }
 
     fn outputs(&self) -> &'static [&'static str] {
@@ -50,7 +53,9 @@ impl Stage<Input> for MapsStage {
         let dense = outputs::terrain::read_mesh(&reader, MeshDetail::Dense, &stored)?;
         let (mesh, planes, edges) = of_files(&stored, dense);
         let contacts = outputs::contacts::read(&work.read(CONTACTS)?)?;
-        let samples: Vec<GroundSample> = contacts.iter().map(|own| sample(own, &config)).collect();
+        let rig = outputs::rig::read(&work.read(RIG_REFINED)?)?;
+        let patch = |own: &FootContact| contact_patch(own, &outline(&rig, own.foot), &config);
+        let samples: Vec<GroundSample> = contacts.iter().flat_map(patch).collect();
         let steps = 3;
         let levels = build(&mesh, &edges, &samples, &config.maps);
         work.progress(1, steps);
@@ -76,14 +81,5 @@ impl Stage<Input> for MapsStage {
         let collision = layers::collision(parts, obstacles, &planes, &config.convex);
         outputs::collision::write(work.draft(COLLISION), &collision)?;
         Ok(())
-    }
-}
-
-/// The middle of the sole of a foot at rest.
-fn sample(contact: &FootContact, config: &MapsConfig) -> GroundSample {
-    let [_, _, z_sigma_m, ..] = contact.covariance.sigmas();
-    GroundSample {
-        position: contact.world_from_foot.translation_m(),
-        sigma_m: z_sigma_m.hypot(config.contact_sigma_m),
     }
 }
