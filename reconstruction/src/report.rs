@@ -12,7 +12,7 @@ use std::path::PathBuf;
 
 use charts::{Axis, Cell, Chart, Image, Page, Series, Span, Table, Timeline, si};
 use scene_bundle::outputs::cloud::CloudPoint;
-use scene_bundle::outputs::{self, CLOUD, KEYFRAMES, TRAJECTORY, TRAJECTORY_CAUSAL};
+use scene_bundle::outputs::{self, CLOUD, TRAJECTORY, TRAJECTORY_CAUSAL};
 use scene_bundle::{BundleError, Scene, Status, Trajectory};
 
 use crate::camera_images;
@@ -24,6 +24,7 @@ use ground::Ground;
 use trajectory_map::Step;
 
 mod colors;
+mod facts;
 mod footstep_map;
 mod ground;
 mod judgement;
@@ -121,7 +122,7 @@ pub fn report(
     page = judgement::add(page, &scene.manifest().provenance);
     let dark = trajectory_map::dark();
     page = page.dark(dark.iter().map(|(a, b)| (a.as_str(), b.as_str())));
-    page = page.table(&facts(scene, &trajectory, cloud.as_deref())?);
+    page = page.table(&facts::table(scene, &trajectory, cloud.as_deref())?);
     page = images_section(page, scene)?;
     page = page.section("Trajectory");
     page = page.text(&accuracy_note(
@@ -212,49 +213,6 @@ fn steps(trajectory: &Trajectory, truth: Option<&Trajectory>) -> (Vec<Step>, Opt
         follows = true;
     }
     (steps, evaluation)
-}
-
-fn facts(
-    scene: &Scene,
-    trajectory: &Trajectory,
-    cloud: Option<&[CloudPoint]>,
-) -> Result<Table, ReportError> {
-    let provenance = &scene.manifest().provenance;
-    let keyframes = match scene.has(KEYFRAMES) {
-        true => Some(outputs::keyframes::read(&scene.output(KEYFRAMES)?)?.len()),
-        false => None,
-    };
-    let none = || "none".to_owned();
-    let rows = [
-        ("session", provenance.session_id.clone()),
-        ("verdict", judgement::in_short(provenance)),
-        (
-            "rig",
-            format!("{}, {}", provenance.rig.name, provenance.rig.revision),
-        ),
-        (
-            "program",
-            format!("{} {}", provenance.program, provenance.program_version),
-        ),
-        (
-            "path length",
-            format!(
-                "{:.1} m in {:.1} s, {} poses",
-                trajectory.path_length_m(),
-                trajectory.duration_ns() as f64 * 1e-9,
-                trajectory.len()
-            ),
-        ),
-        (
-            "keyframes with depth",
-            keyframes.map_or_else(none, |n| n.to_string()),
-        ),
-        ("points", cloud.map_or_else(none, |c| c.len().to_string())),
-    ];
-    let table = Table::new(Vec::<String>::new());
-    Ok(rows.into_iter().fold(table, |table, (what, value)| {
-        table.row([what.into(), value.into()])
-    }))
 }
 
 fn accuracy_note(is_adjusted: bool, has_truth: bool, evaluation: Option<&Evaluation>) -> String {
