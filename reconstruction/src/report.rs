@@ -3,9 +3,10 @@
 //! Contract: the page shows images of the cameras; the path from above, colored by its distance
 //! from the ground truth after the best rigid fit, or without ground truth by the stated sigma,
 //! with a caption; the status of the rig over time; cloud and path in three dimensions and from two
-//! sides; footsteps on the height map and feet over time; the mesh of the ground; each stage with time and memory; and all notes and losses of stages. Missing outputs are
-//! named and left out. It is one file of less than 25 MB. Its text is a function of the bundle, of
-//! the ground truth, of the stage timings and of the images beside the bundle.
+//! sides; footsteps on the height map and feet over time; the mesh of the ground; each stage with
+//! time and memory; and all notes and losses of stages. Missing outputs are named and left out. It
+//! is one file of less than 25 MB. Its text is a function of the bundle, of the ground truth, of
+//! the stage timings and of the images beside the bundle.
 
 use std::io;
 use std::path::PathBuf;
@@ -21,6 +22,7 @@ use crate::evaluate::{self, Alignment, Evaluation, Settings, align, associate};
 use crate::pipeline::{self, stage_timings, stages};
 use colors::{UNKNOWN, ramp};
 use ground::Ground;
+use png_file::png;
 use trajectory_map::Step;
 
 mod colors;
@@ -28,6 +30,7 @@ mod facts;
 mod footstep_map;
 mod ground;
 mod judgement;
+mod png_file;
 mod point_raster;
 mod trajectory_map;
 mod viewer;
@@ -454,17 +457,6 @@ fn viewer_part(
         viewer.points
     ))
     .embed(&viewer.html)
-}
-
-fn png([width, height]: [usize; 2], rgba: &[u8]) -> Result<Vec<u8>, ReportError> {
-    let mut file = Vec::new();
-    let mut encoder = png::Encoder::new(&mut file, width as u32, height as u32);
-    encoder.set_color(png::ColorType::Rgba);
-    encoder.set_depth(png::BitDepth::Eight);
-    let mut writer = encoder.write_header()?;
-    writer.write_image_data(rgba)?;
-    writer.finish()?;
-    Ok(file)
 }
 
 fn stages_section(page: Page, scene: &Scene) -> Result<Page, ReportError> {

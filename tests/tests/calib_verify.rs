@@ -1,7 +1,7 @@
 //! A slice of `cargo xtask bench calib_verify`: one walk of a minute, evaluated with the correct
 //! nominal calibration and with errors of it.
 
-use calib::verify::{Parameter, Status};
+use calib::verify::{Finding, Parameter, Status};
 use harness::walks::{NominalError, Plan, Walk};
 use rig_sim::scene::{Kind, Lighting};
 
@@ -9,11 +9,9 @@ use rig_sim::scene::{Kind, Lighting};
 fn errors_of_the_nominal_calibration_are_detected_without_false_alarms() {
     let walk = Walk::make(Kind::Stairs, Lighting::Day, 9, &Plan::MINUTE).expect("a walk");
     let found = walk.compare();
-    let off = |wrong: &NominalError| -> Vec<(Parameter, String, Vec<String>, Vec<f64>, f64)> {
+    let off = |wrong: &NominalError| -> Vec<Finding> {
         let all = walk.verify(wrong, &found).findings.into_iter();
-        all.filter(|f| f.status == Status::Inconsistent)
-            .map(|f| (f.parameter, f.camera, f.alternatives, f.estimate, f.sigma))
-            .collect()
+        all.filter(|f| f.status == Status::Inconsistent).collect()
     };
     assert_eq!(off(&NominalError::None), []);
 
@@ -24,23 +22,22 @@ fn errors_of_the_nominal_calibration_are_detected_without_false_alarms() {
         turn[k] = half;
         let rotated = off(&NominalError::CameraRotation(k, turn));
         assert!(
-            rotated
-                .iter()
-                .any(|(what, camera, or, ..)| *what == Parameter::Camera
-                    && (camera == name || or.contains(&(*name).to_owned()))),
+            rotated.iter().any(|f| f.parameter == Parameter::Camera
+                && (f.camera == *name || f.alternatives.contains(&(*name).to_owned()))),
             "{name}: {rotated:?}"
         );
         let detected = |late_s: f64| {
             let late = off(&NominalError::ImageTime(k, late_s));
-            let [(Parameter::ImageTime, camera, _, by, sigma)] = &late[..] else {
+            let [finding] = &late[..] else {
                 return false;
             };
-            assert_eq!(camera, name);
-            let error_s = (by[0] - late_s).abs();
-            assert!(
-                error_s < 3.0 * sigma && *sigma < 1e-3,
-                "{name}: {by:?} ± {sigma}"
-            );
+            if finding.parameter != Parameter::ImageTime {
+                return false;
+            }
+            assert_eq!(finding.camera, *name);
+            let error_s = (finding.estimate[0] - late_s).abs();
+            let sigma_s = finding.sigma;
+            assert!(error_s < 3.0 * sigma_s && sigma_s < 1e-3, "{finding:?}");
             true
         };
         // The camera that looks down sees too little rotation in a minute for 3 ms, and has to say

@@ -4,16 +4,16 @@ use charts::Table;
 use scene_bundle::outputs::cloud::CloudPoint;
 use scene_bundle::outputs::rig::{RigCamera, RigModel, RigShoeTag};
 use scene_bundle::outputs::{self, KEYFRAMES, RIG};
-use scene_bundle::{Scene, Trajectory};
+use scene_bundle::{BundleError, Scene, Trajectory};
 
-use super::{ReportError, judgement};
+use super::judgement;
 
 /// The table.
 pub(super) fn table(
     scene: &Scene,
     trajectory: &Trajectory,
     cloud: Option<&[CloudPoint]>,
-) -> Result<Table, ReportError> {
+) -> Result<Table, BundleError> {
     let provenance = &scene.manifest().provenance;
     let keyframes = match scene.has(KEYFRAMES) {
         true => Some(outputs::keyframes::read(&scene.output(KEYFRAMES)?)?.len()),

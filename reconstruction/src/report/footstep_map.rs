@@ -11,7 +11,8 @@ use cad_transforms::rig::Foot;
 use scene_bundle::outputs::maps::MapLevel;
 
 use super::colors::{hex, ramp};
-use super::{png, views};
+use super::png_file::png;
+use super::views;
 
 /// Half of the drawn surroundings of the footsteps, m.
 const NEAR_M: f64 = 1.0;

@@ -16,7 +16,8 @@ use scene_bundle::outputs::{self, CONTACTS, FEET, MAPS, RIG_REFINED, TERRAIN};
 use scene_bundle::{BundleError, Scene};
 
 use super::footstep_map::{Footstep, FootstepMap};
-use super::{ReportError, footstep_map, png, point_raster, views};
+use super::png_file::png;
+use super::{footstep_map, point_raster, views};
 use crate::evaluate::Similarity;
 use crate::evaluate::feet::{FeetEvaluation, GroundEvaluation, evaluate_feet, evaluate_ground};
 use crate::evaluate::ground_truth::GroundTruth;
@@ -78,7 +79,8 @@ impl<'a> Ground<'a> {
         ))
     }
 
-    /// Number of contacts; with ground truth how many were found, and the errors of contacts and ground.
+    /// Number of contacts; with ground truth how many were found, and the errors of contacts and
+    /// ground.
     pub(super) fn summary(&self) -> String {
         let Some((feet, ground)) = self.evaluate() else {
             return match self.contacts.len() {
@@ -101,7 +103,11 @@ impl<'a> Ground<'a> {
     }
 
     /// Adds the sections.
-    pub(super) fn add(&self, page: Page, rig_path: &[[f64; 3]]) -> Result<Page, ReportError> {
+    pub(super) fn add(
+        &self,
+        page: Page,
+        rig_path: &[[f64; 3]],
+    ) -> Result<Page, png::EncodingError> {
         let mut page = page.section("Footsteps");
         if self.contacts.is_empty() {
             page = page.text("There are no contacts of feet.");
@@ -239,7 +245,7 @@ impl<'a> Ground<'a> {
         chart
     }
 
-    fn terrain(&self, page: Page, rig_path: &[[f64; 3]]) -> Result<Page, ReportError> {
+    fn terrain(&self, page: Page, rig_path: &[[f64; 3]]) -> Result<Page, png::EncodingError> {
         let Some(mesh) = self.mesh.as_ref().filter(|mesh| !mesh.triangles.is_empty()) else {
             return Ok(page.text("There is no mesh of the ground."));
         };

@@ -1,5 +1,5 @@
-//! Feet and ground of a simulated walk through the whole program, against ground truth, and of walks
-//! whose rig files have no tags, or wrong ones.
+//! Feet and ground of a simulated walk through the whole program, against ground truth, and of
+//! walks whose rig files have no tags, or wrong ones.
 
 use std::path::Path;
 use std::process::{Command, Output};

@@ -1,10 +1,10 @@
-//! `feet_camera`: what the placement of the feet camera shows of the shoe tags, and what its exposure
-//! blurs.
+//! `feet_camera`: what the placement of the feet camera shows of the shoe tags, and what its
+//! exposure blurs.
 //!
 //! Walks of several wearers on flat ground and stairs, ground truth only: no image is developed. A
-//! tag counts as visible if it is whole and unoccluded in both eyes. Strides run from heel strike to
-//! heel strike. Blur is the movement of the tag in the image during the exposure, in cells of the
-//! tag, which is the same for every lens.
+//! tag counts as visible if it is whole and unoccluded in both eyes. Strides run from heel strike
+//! to heel strike. Blur is the movement of the tag in the image during the exposure, in cells of
+//! the tag, which is the same for every lens.
 
 use anyhow::{Context as _, Result};
 use cad_transforms::rig::Rig;
@@ -101,7 +101,8 @@ struct Sightings {
     /// Movements of visible tags, cells per second: flat, and in a swing.
     #[serde(skip)]
     speeds: [Vec<f64>; 2],
-    /// Share of visible tags that move by less than a cell, for each exposure: flat, and in a swing.
+    /// Share of visible tags that move by less than a cell, for each exposure: flat, and in a
+    /// swing.
     sharp: Vec<[f64; 2]>,
 }
 

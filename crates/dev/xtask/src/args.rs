@@ -447,7 +447,9 @@ mod tests {
         });
         let mut there: Vec<&str> = there.collect();
         there.sort_unstable();
+        // `usd` is a test.
         let mut here = BENCHMARKS.to_vec();
+        here.retain(|name| *name != "usd");
         here.sort_unstable();
         assert_eq!(there, here);
     }

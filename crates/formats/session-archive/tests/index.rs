@@ -201,7 +201,7 @@ fn what_an_index_claims_is_not_allocated() {
     let mut plain = vec![0, 253];
     plain.extend((1_u64 << 50).to_le_bytes());
     let packed = zstd::bulk::compress(&plain, 1).expect("pack");
-    let mut bytes = b"PAWSIDX2".to_vec();
+    let mut bytes = b"PAWSIDX3".to_vec();
     bytes.extend(crc32fast::hash(&packed).to_le_bytes());
     bytes.extend((plain.len() as u64).to_le_bytes());
     bytes.extend(packed);

@@ -3,7 +3,8 @@
 
 use crate::axis::Extent;
 
-/// Between two points of a line: breaks it, and unlike a value that cannot be drawn is not reported.
+/// Between two points of a line: breaks it, and unlike a value that cannot be drawn is not
+/// reported.
 pub const BREAK: (f64, f64) = (f64::NAN, f64::NAN);
 
 /// A named set of values.

@@ -33,7 +33,7 @@
 //!
 //! ```text
 //! OUT/scene.ply                       the static scene, with class, plane, and whether it is walkable
-//! OUT/CAMERA/tags.csv                 corners of the tags on the shoes, in both eyes, at each frame
+//! OUT/CAMERA/tags.csv                 corners of the tags on the shoes, in both eyes, per frame
 //! OUT/CAMERA/mav0/depth0, depth1      ground truth of the left and the right eye: depth,
 //! OUT/CAMERA/mav0/class0, class1      class,
 //! OUT/CAMERA/mav0/instance0, instance1   instance,
@@ -45,10 +45,11 @@
 //! [`Class`]; instance as 16-bit numbers, 0 the sky; flow as KITTI's 16-bit red, green, blue (Menze
 //! and Geiger 2015): 64 times the displacement in px plus 2^15, to the right and down, and 0 for
 //! undefined, 1 for visible in the next frame, 2 for occluded or outside there. In `tags.csv` a row
-//! is a tag in front of an eye (0 left, 1 right); `visible` is 1 if its whole black square is in the
-//! image and unoccluded, `visible share` is how much of it is. Its corners are those of the black square in the
-//! order of AprilTag's detections: bottom left, bottom right, top right, top left, for a reader who
-//! sees the tag upright. Integers are pixel centers; AprilTag's own coordinates are greater by 0.5.
+//! is a tag in front of an eye (0 left, 1 right); `visible` is 1 if its whole black square is in
+//! the image and unoccluded, `visible share` is how much of it is. Its corners are those of the
+//! black square in the order of AprilTag's detections: bottom left, bottom right, top right, top
+//! left, for a reader who sees the tag upright. Integers are pixel centers; AprilTag's own
+//! coordinates are greater by 0.5.
 //!
 //! All times are ns since the beginning of the walk. The world is z up; its origin is that of the
 //! scene.

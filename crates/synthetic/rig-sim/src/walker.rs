@@ -10,14 +10,16 @@ pub mod gait;
 pub mod path;
 pub mod profile;
 pub mod progress;
+mod side;
 
 use nalgebra::{UnitQuaternion, Vector3};
 
 use self::foot_motion::{Avoidance, avoid, standing, swinging};
-pub use self::gait::{Footfall, Side};
+pub use self::gait::Footfall;
 use self::path::Path;
 pub use self::profile::GaitProfile;
 use self::progress::{Jump, Progress};
+pub use self::side::Side;
 use crate::faults::{Kind, WearerFaults};
 use crate::random;
 use crate::scene::Scene;

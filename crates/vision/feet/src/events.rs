@@ -95,7 +95,7 @@ struct Strike {
 /// between these, and the longest such time, s.
 const ASYMMETRY: f64 = 0.04;
 const MAX_STRIDE_S: f64 = 1.6;
-/// Longest time for which a foot at rest is out of sight, s.
+/// Longest time for which a foot at rest is hidden, s.
 const MAX_HIDDEN_S: f64 = 0.5;
 
 /// Mean and standard deviation of a strike by those of the other foot before and after it, s.
@@ -139,7 +139,7 @@ fn strike(
     // The foot is not flat yet in the last frame before the stance.
     let last_moving_s = approach.last().map_or(f64::NEG_INFINITY, |last| last[0]);
     let [loading_s, loading_sigma_s] = config.loading_s;
-    // A foot may be at rest out of sight for longer than its approach takes.
+    // A foot may be hidden at rest for longer than its approach takes.
     let reach_s = prior.map_or(config.max_approach_s, |_| MAX_HIDDEN_S);
     let earliest_s = (first_s - reach_s - loading_s).max(not_before_s);
     let times = (0..).map(|n| first_s - STEP_S * f64::from(n));

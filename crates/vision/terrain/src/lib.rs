@@ -4,7 +4,7 @@
 //! [`planes`] finds planes in the mesh and refits them to the depths themselves; [`edges`] are
 //! where they meet or end, and the heights of steps. [`maps`] are grids of each walkable level, for
 //! foothold planning. [`simplify`] removes triangles that feet do not need, [`convex`] makes parts
-//! for physics, and [`export`] writes meshes. [`evaluate`] compares results with ground truth.
+//! for physics. [`evaluate`] compares results with ground truth.
 //!
 //! A camera that looks down at a step of 20 cm from 1.2 m above it:
 //!
@@ -60,7 +60,6 @@ pub mod convex;
 pub mod edges;
 mod error;
 pub mod evaluate;
-pub mod export;
 pub mod fusion;
 pub mod ground;
 pub mod maps;

@@ -2,10 +2,9 @@
 //! the shoes.
 //!
 //! Contract: a row per foot and pose of the trajectory, or none if no tag was seen; a foot that is
-//! not known is lost, and so is one of a rig that is lost. Of
-//! the two poses of a tag that images hardly tell apart the one counts whose sole is more level. A
-//! session in which no tag was seen has no contacts, and a foot of which none was seen is lost
-//! throughout.
+//! not known is lost, and so is one of a rig that is lost. Of the two poses of a tag that images
+//! hardly distinguish, the one with the more level sole counts. A session in which no tag was seen
+//! has no contacts, and a foot of which none was seen is lost throughout.
 
 use std::collections::BTreeSet;
 

@@ -1,8 +1,8 @@
 //! Stage `maps`: maps of the walkable levels for foothold planning, and convex parts for physics.
 //!
-//! Contract: the ground below soles at rest is known from them. They give heights where depth has none, and win
-//! where it contradicts them; both are flagged. What no view saw and no foot touched is unknown,
-//! not free.
+//! Contract: the ground below soles at rest is known from them. They give heights where depth has
+//! none, and win where it contradicts them; both are flagged. What no view saw and no foot touched
+//! is unknown, not free.
 
 use scene_bundle::outputs::contacts::FootContact;
 use scene_bundle::outputs::terrain::MeshDetail;

@@ -3,8 +3,8 @@
 //! Contract: each frame of a camera that may see the ground below the rig is read once, in order of
 //! time; tags are fitted where their shoe is predicted, in both eyes, and searched where it is not
 //! (`feet::tag_tracker`). Poses are relative to the rig, so errors of the trajectory do not enter
-//! them. A rig without tags on shoes is no loss: there is nothing to do. Memory does not grow with
-//! the session.
+//! them. A rig without tags on shoes, or without a camera that can see them, is no loss: there is
+//! nothing to do. Memory does not grow with the session.
 
 use ::feet::shoe::{Shoe, ShoeTag, Side};
 use ::feet::tag_tracker::{Camera, Detection, Frame, RigState, TagTracker};
@@ -66,7 +66,9 @@ impl Stage<Input> for TagsStage {
             (true, _) => work.note(
                 "the rig file has no tags on shoes ([[shoe_tag]]): there are no poses of feet",
             ),
-            (false, true) => work.record_loss("no camera of the rig can see the wearer's shoes"),
+            (false, true) => work.note(
+                "no camera of the rig can see the wearer's shoes: there are no poses of feet",
+            ),
             (false, false) => {
                 let tracked = Tracked {
                     rig: &rig,

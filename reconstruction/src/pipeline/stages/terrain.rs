@@ -2,9 +2,10 @@
 //!
 //! Contract: depth maps of keyframes are fused twice over. The first pass makes a truncated signed
 //! distance field and its mesh; the second refits planes of the mesh to the depths themselves.
-//! Pixels that masks exclude, and those of the wearer's shoes and legs, are not used. Where no depth map shows a surface the mesh has a hole.
-//! Vertices have the colors of the cloud. Memory grows with the area of the surface, not with the
-//! number of keyframes; the result does not depend on the number of threads.
+//! Pixels that masks exclude, and those of the wearer's shoes and legs, are not used. Where no
+//! depth map shows a surface the mesh has a hole. Vertices have the colors of the cloud. Memory
+//! grows with the area of the surface, not with the number of keyframes; the result does not depend
+//! on the number of threads.
 
 use ::terrain::edges::{find_edges, snap};
 use ::terrain::fusion::Volume;

@@ -118,7 +118,7 @@ fn install(folder: &Path, python: &Path, list: &Path) -> Result<()> {
         .arg(list);
     process::run(&mut pip)
         .context("installing the Python packages (is a package index reachable from here?)")?;
-    // An environment is made anew when its list changes, never added to.
+    // When its list changes, an environment is replaced, so the installer is not needed again.
     let remove = [
         "-m",
         "pip",

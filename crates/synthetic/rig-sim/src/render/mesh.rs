@@ -1,8 +1,8 @@
 //! The static scene as a mesh: PLY (Turk 1994), binary, little-endian.
 //!
-//! Vertices are in the world frame, m, f32. Faces carry the number of their [`Class`], whether people
-//! walk on them, and the number of their plane (see `planes.csv`), -1 for none. Panes are included; people, the wearer and everything else that moves are
-//! not.
+//! Vertices are in the world frame, m, f32. Faces carry the number of their [`Class`], whether
+//! people walk on them, and the number of their plane (see `planes.csv`), -1 for none. Panes are
+//! included; people, the wearer and everything else that moves are not.
 //!
 //! [`Class`]: crate::scene::surface::Class
 

@@ -1,9 +1,9 @@
 //! Visible body parts of the wearer: shoes, the tags on them and what hides these, and legs.
 //!
-//! Rigid parts: a shoe with its tags, a shank and a thigh on each side. Their poses follow from the walk: shoes
-//! are the feet, and the knee bends so that the leg reaches from the hip to the ankle. The origin
-//! of a body is its center of rotation: shoes in the middle of the sole, shanks at the ankle,
-//! thighs at the knee, with z along the limb.
+//! Rigid parts: a shoe with its tags, a shank and a thigh on each side. Their poses follow from the
+//! walk: shoes are the feet, and the knee bends so that the leg reaches from the hip to the ankle.
+//! The origin of a body is its center of rotation: shoes in the middle of the sole, shanks at the
+//! ankle, thighs at the knee, with z along the limb.
 
 use nalgebra::{UnitQuaternion, Vector3};
 

@@ -106,8 +106,8 @@ fn clearance(to: &Footfall, t: f64) -> f64 {
 pub(super) struct Avoidance {
     /// Additional height in the middle of the swing, m; 0 on flat ground.
     lift_m: f64,
-    /// Share of the swing in which a foot that goes down does not sink yet, and one that goes up has
-    /// risen already.
+    /// Share of the swing in which a foot that goes down does not sink yet, and one that goes up
+    /// has risen already.
     level: f64,
 }
 

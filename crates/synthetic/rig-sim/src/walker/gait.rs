@@ -11,27 +11,9 @@ use nalgebra::{UnitQuaternion, Vector3};
 use super::path::Path;
 use super::profile::{GaitProfile, StepVariation};
 use super::progress::Progress;
+use super::side::Side;
 use super::vigour;
 use cad_transforms::so3;
-
-/// Left or right.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Side {
-    /// The wearer's left.
-    Left = 0,
-    /// The wearer's right.
-    Right = 1,
-}
-
-impl Side {
-    /// `left` or `right`.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Left => "left",
-            Self::Right => "right",
-        }
-    }
-}
 
 /// Heel of the sole, m in front of its middle.
 pub(crate) const HEEL_X: f64 = -0.13;

@@ -149,7 +149,7 @@ fn a_single_stance_has_all_events_in_order() {
     assert!(contact.toe_off.sigma_s > 0.05);
 }
 
-/// Every second step of the left foot is out of sight until 0.28 s after its strike.
+/// Every second step of the left foot is hidden until 0.28 s after its strike.
 #[test]
 fn strikes_out_of_sight_are_between_those_of_the_other_foot() {
     let config = GaitConfig::default();

@@ -69,7 +69,7 @@ mod tests {
 
     const OUTLINE: [[f64; 2]; 4] = [[-0.12, -0.05], [0.16, -0.05], [0.16, 0.05], [-0.12, 0.05]];
 
-    /// A foot that is turned to the left, on ground that rises by 10 % in its direction.
+    /// A foot that points to the left, on ground that rises by 10 % in its direction.
     fn contact() -> FootContact {
         let place = RigidTransform::from_rotation_vector([0.0; 3], [1.0, 2.0, 0.5]);
         let heading = RigidTransform::from_rotation_vector([0.0, 0.0, 0.7], [0.0; 3]);

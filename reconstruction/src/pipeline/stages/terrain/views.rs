@@ -13,7 +13,7 @@ use super::shoes::Shoes;
 use crate::pipeline::StageError;
 use crate::pipeline::stages::depth_frames::DepthFrame;
 
-/// Depth maps in memory at once.
+/// Number of depth maps in memory.
 const BATCH: usize = 8;
 
 /// Reads depth maps and masks.
