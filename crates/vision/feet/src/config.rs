@@ -52,6 +52,41 @@ config! {
         pub excess_per_square: f64 = 10.0,
     }
 
+    /// Placement of the tags on shoes, from the ground below the feet at rest.
+    pub struct PlacementConfig {
+        /// Least number of contacts that say something, on either side of a change.
+        pub min_contacts: f64 = 8.0,
+        /// Least standard deviation of the height of a sole at rest, m: of the ground below it and
+        /// of a frame's pose.
+        pub height_floor_m: f64 = 0.0015,
+        /// Likewise of its tilt, rad.
+        pub tilt_floor_rad: f64 = 0.009,
+        /// Likewise of its direction relative to the course, rad.
+        pub heading_floor_rad: f64 = 0.026,
+        /// Standard deviation of the error of the height that all contacts share, m: of stereo depth
+        /// and of the fit of a tag.
+        pub shared_height_m: f64 = 0.002,
+        /// Likewise of the tilt, rad.
+        pub shared_tilt_rad: f64 = 0.01,
+        /// Sigmas beyond which a change is one: there are a hundred times and four quantities.
+        pub slip_sigmas: f64 = 6.0,
+        /// Least change of the height, m.
+        pub min_height_slip_m: f64 = 0.004,
+        /// Least change of the tilt, rad.
+        pub min_tilt_slip_rad: f64 = 0.035,
+        /// Least change of the direction, rad.
+        pub min_heading_slip_rad: f64 = 0.06,
+        /// Least distance of two steps of a foot between which the other one shows its side, m.
+        pub min_stride_m: f64 = 0.4,
+        /// Least median distance to the wrong side by which tags are exchanged, m: feet that cross
+        /// a little are none.
+        pub min_offset_m: f64 = 0.02,
+        /// Standard deviation of the height of a tag of which the rig file states none, m.
+        pub usual_height_sigma_m: f64 = 0.005,
+        /// Likewise of its tilt, rad.
+        pub usual_tilt_sigma_rad: f64 = 0.05,
+    }
+
     /// Configuration of contacts and swings.
     pub struct GaitConfig {
         /// Feet at rest.

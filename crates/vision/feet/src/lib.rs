@@ -17,12 +17,13 @@ mod prediction;
 pub mod shoe;
 pub mod stance;
 pub mod swing;
+pub mod tag_placement;
 pub mod tag_tracker;
 #[cfg(test)]
 mod test_noise;
 pub mod track;
 
 pub use config::{
-    Config, EventConfig, FootConfig, GaitConfig, PredictionConfig, SearchConfig, StanceConfig,
-    SwingConfig,
+    Config, EventConfig, FootConfig, GaitConfig, PlacementConfig, PredictionConfig, SearchConfig,
+    StanceConfig, SwingConfig,
 };

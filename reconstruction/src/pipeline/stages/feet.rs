@@ -11,20 +11,25 @@ use std::collections::BTreeSet;
 use ::feet::events::{Contact, Event, FootStances, contacts};
 use ::feet::observation::{TagPose, foot_observation, surest};
 use ::feet::stance::{FootObservation, Stance, stances};
+use ::feet::tag_placement::{
+    Estimate, PlacementError, Quantity, Slip, are_exchanged, placement_error, slip,
+};
 use ::feet::track::{self, FootContacts, foot_poses};
-use ::feet::{FootConfig, GaitConfig};
+use ::feet::{FootConfig, GaitConfig, PlacementConfig};
 use cad_transforms::rig::Foot;
 use scene_bundle::outputs::contacts::{ContactEvent, ContactView, FootContact};
 use scene_bundle::outputs::feet::{FootPose, FootStatus};
 use scene_bundle::outputs::rig::RigModel;
 use scene_bundle::outputs::tag_detections::TagDetection;
+use scene_bundle::outputs::terrain::MeshDetail;
 use scene_bundle::outputs::{
-    self, CONTACTS, DEPTH, FEET, KEYFRAMES, RIG_REFINED, TAG_DETECTIONS, TRAJECTORY,
+    self, CONTACTS, DEPTH, FEET, KEYFRAMES, RIG_REFINED, TAG_DETECTIONS, TERRAIN, TRAJECTORY,
 };
 use scene_bundle::{Pose, Status, Trajectory};
 use serde_json::{Value, json};
 
 use self::contact_views::{ContactViewConfig, Keyframes, contact_views};
+use self::ground_below::{GroundBelow, GroundBelowConfig, corrected, places};
 use super::depth_frames::{DepthFrame, instants};
 use super::pose_interpolation::pose_at;
 use super::soles::{edges, outline, shoe};
@@ -32,6 +37,7 @@ use crate::input::Input;
 use crate::pipeline::{Stage, StageError, Work};
 
 mod contact_views;
+mod ground_below;
 
 /// See the module.
 pub(super) struct FeetStage;
@@ -46,7 +52,14 @@ impl Stage<Input> for FeetStage {
     }
 
     fn inputs(&self) -> &'static [&'static str] {
-        &[RIG_REFINED, TRAJECTORY, TAG_DETECTIONS, KEYFRAMES, DEPTH]
+        &[
+            RIG_REFINED,
+            TRAJECTORY,
+            TAG_DETECTIONS,
+            TERRAIN,
+            KEYFRAMES,
+            DEPTH,
+        ]
     }
 
     fn outputs(&self) -> &'static [&'static str] {
@@ -57,24 +70,23 @@ impl Stage<Input> for FeetStage {
         json!({
             "foot": FootConfig::default(),
             "gait": GaitConfig::default(),
+            "placement": PlacementConfig::default(),
+            "ground_below": GroundBelowConfig::default(),
             "contact_views": ContactViewConfig::default(),
         })
     }
 
     fn run(&self, work: &Work<'_, Input>) -> Result<(), StageError> {
-        let rig = outputs::rig::read(&work.read(RIG_REFINED)?)?;
+        let mut rig = outputs::rig::read(&work.read(RIG_REFINED)?)?;
         let trajectory = outputs::trajectory::read(&work.read(TRAJECTORY)?)?;
         let detections = outputs::tag_detections::read(&work.read(TAG_DETECTIONS)?)?;
         let config = GaitConfig::default();
-        let observed = Foot::ALL.map(|foot| observations(foot, &rig, &trajectory, &detections));
         let soles = Foot::ALL.map(|foot| edges(&rig, foot));
-        let at_rest: [Vec<Stance>; 2] = observed.each_ref().map(|own| stances(own, &config.stance));
-        let seen = [0, 1].map(|k: usize| FootStances {
-            observations: &observed[k],
-            stances: &at_rest[k],
-            heel_m: soles[k].heel_m,
-        });
-        let contacts = contacts(seen, &config.events);
+        let mut gait = Gait::new(&rig, &trajectory, &detections);
+        if correct_placement(work, &mut rig, &gait.contacts)? {
+            gait = Gait::new(&rig, &trajectory, &detections);
+        }
+        let Gait { observed, contacts } = gait;
         let times: Vec<i64> = trajectory.poses().iter().map(|pose| pose.time_ns).collect();
         let mut poses = Vec::with_capacity(2 * times.len());
         if observed.iter().any(|own| !own.is_empty()) {
@@ -102,6 +114,120 @@ impl Stage<Input> for FeetStage {
         outputs::contacts::write(work.draft(CONTACTS), &rows, &views)?;
         Ok(())
     }
+}
+
+/// What the tags show of both feet.
+struct Gait {
+    observed: [Vec<FootObservation>; 2],
+    contacts: [Vec<Contact>; 2],
+}
+
+impl Gait {
+    fn new(rig: &RigModel, trajectory: &Trajectory, detections: &[TagDetection]) -> Self {
+        let config = GaitConfig::default();
+        let observed = Foot::ALL.map(|foot| observations(foot, rig, trajectory, detections));
+        let at_rest: [Vec<Stance>; 2] = observed.each_ref().map(|own| stances(own, &config.stance));
+        let seen = [0, 1].map(|k: usize| FootStances {
+            observations: &observed[k],
+            stances: &at_rest[k],
+            heel_m: edges(rig, Foot::ALL[k]).heel_m,
+        });
+        let contacts = contacts(seen, &config.events);
+        Self { observed, contacts }
+    }
+}
+
+/// Corrects the placement of the tags by the ground below the feet at rest; whether it did.
+/// Reports tags that slipped, that are exchanged, and those that the ground contradicts.
+fn correct_placement(
+    work: &Work<'_, Input>,
+    rig: &mut RigModel,
+    contacts: &[Vec<Contact>; 2],
+) -> Result<bool, StageError> {
+    let config = PlacementConfig::default();
+    let [left, right] = contacts.each_ref().map(|own| places(own));
+    if are_exchanged([&left, &right], &config) {
+        work.record_loss(
+            "the tags of the left and the right shoe are exchanged: their feet step to the wrong \
+             sides; exchange `foot` of [[shoe_tag]] in the rig file",
+        );
+    }
+    let reader = work.read(TERRAIN)?;
+    let terrain = outputs::terrain::read(&reader)?;
+    let mesh = outputs::terrain::read_mesh(&reader, MeshDetail::Dense, &terrain)?;
+    let ground = GroundBelow::new(&mesh);
+    let mut is_corrected = false;
+    for (foot, contacts) in Foot::ALL.into_iter().zip(contacts) {
+        let samples = ground.samples(contacts);
+        if let Some(slip) = slip(&samples, &config) {
+            work.record_loss(slip_message(foot, &slip));
+            // Before and after it the placement differs.
+            continue;
+        }
+        let error = placement_error(&samples, &config);
+        let shoes = rig.shoes.iter_mut().filter(|shoe| shoe.foot == foot);
+        for tag in shoes.flat_map(|shoe| &mut shoe.tags) {
+            let (place, contradicts) = corrected(tag, &error, &config);
+            if contradicts {
+                work.record_loss(placement_message(foot, &error));
+            }
+            is_corrected |= place != tag.foot_from_tag;
+            tag.foot_from_tag = place;
+        }
+        if let Some(height) = error.height_m {
+            let tilt = error
+                .tilt_rad
+                .map(|own| own.map_or(0.0, |own| own.value.to_degrees()));
+            work.note(format!(
+                "{}: by the ground below its contacts the sole was {:.1} ± {:.1} mm too high and \
+                 tilted by {:.1} and {:.1} degrees; its tag's placement is corrected by that as far \
+                 as its tolerance allows",
+                foot.as_str(),
+                1e3 * height.value,
+                1e3 * height.sigma,
+                tilt[0],
+                tilt[1]
+            ));
+        }
+    }
+    Ok(is_corrected)
+}
+
+fn slip_message(foot: Foot, slip: &Slip) -> String {
+    let Estimate { value, sigma } = slip.change;
+    let change = match slip.quantity {
+        Quantity::Height => format!("rises by {:.1} ± {:.1} mm", 1e3 * value, 1e3 * sigma),
+        quantity => {
+            let axis = match quantity {
+                Quantity::Roll => "about its length",
+                Quantity::Pitch => "about its width",
+                _ => "about the vertical",
+            };
+            let [value, sigma] = [value, sigma].map(f64::to_degrees);
+            format!("rotates by {value:.1} ± {sigma:.1} degrees {axis}")
+        }
+    };
+    format!(
+        "{}: at {:.3} s of the clock the sole {change}: its tag has slipped, or the ground is of \
+         another kind from there on",
+        foot.as_str(),
+        slip.time_s
+    )
+}
+
+fn placement_message(foot: Foot, error: &PlacementError) -> String {
+    let height = error.height_m.map_or(0.0, |own| 1e3 * own.value);
+    let tilt = error
+        .tilt_rad
+        .map(|own| own.map_or(0.0, |own| own.value.to_degrees()));
+    format!(
+        "{}: by the ground below its contacts the sole is {height:.1} mm too high and tilted by \
+         {:.1} and {:.1} degrees, which is more than the tolerance of its tag: check size_m, \
+         translation_m and rotation_wxyz of [[shoe_tag]] in the rig file; not corrected",
+        foot.as_str(),
+        tilt[0],
+        tilt[1]
+    )
 }
 
 fn report(work: &Work<'_, Input>, contacts: &[Vec<Contact>; 2], poses: &[FootPose]) {
