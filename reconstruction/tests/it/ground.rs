@@ -128,3 +128,11 @@ fn tags_that_no_frame_shows_are_a_loss_and_the_pipeline_continues() {
     assert_eq!(contacts_of(&scene), 0);
     assert!(scene.has("collision"), "later stages ran");
 }
+
+#[test]
+fn tags_of_another_size_are_a_loss() {
+    let (output, _) = run_with(&RIG.replace("size_m = 0.06", "size_m = 0.08"), "other-size");
+    let errors = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(3), "{errors}");
+    assert!(errors.contains("check size_m of [[shoe_tag]]"), "{errors}");
+}

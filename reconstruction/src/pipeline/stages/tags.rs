@@ -27,6 +27,10 @@ use crate::pipeline::{Stage, StageError, Work};
 
 /// Half of the time over which the motion of the rig is a difference of its poses, ns.
 const MOTION_NS: i64 = 5_000_000;
+/// Share of a tag's cells in an eye below which that eye says nothing.
+const MIN_EYE_SHARE: f32 = 0.25;
+/// Least number of detections that say something of eyes.
+const MIN_DETECTIONS: u32 = 10;
 /// Where shoes can be relative to the rig, m: depths below it, and the distance from the vertical
 /// through it.
 const BELOW_M: [f64; 2] = [0.7, 1.5];
@@ -113,6 +117,7 @@ impl Tracked<'_> {
         // The next frame of each camera, the earliest of which is next.
         let mut next: Vec<Option<View>> = vec![None; frames.len()];
         let (mut done, mut seen) = (0_u64, 0_u64);
+        let mut eyes = EyeCounts::default();
         let mut losses = Vec::new();
         loop {
             for (waiting, (_, frames)) in next.iter_mut().zip(&mut frames) {
@@ -135,7 +140,10 @@ impl Tracked<'_> {
             found.sort_by_key(|sighting| self.tag(sighting).1);
             for sighting in &found {
                 match self.detection(sighting, &view) {
-                    Ok(detection) => writer.push(&detection)?,
+                    Ok(detection) => {
+                        eyes.count(&detection);
+                        writer.push(&detection)?;
+                    }
                     Err(error) => work.record_loss(error_chain(&*error)),
                 }
             }
@@ -147,6 +155,14 @@ impl Tracked<'_> {
         work.note(format!(
             "{share:.0} % of {done} frames show a tag of a shoe"
         ));
+        if eyes.disagree() {
+            work.record_loss(format!(
+                "{} of {} detections of tags fit the image of one eye only, so their distances are \
+                 not known: check size_m of [[shoe_tag]], the calibration of the camera, and \
+                 whether an eye is covered",
+                eyes.one, eyes.all
+            ));
+        }
         if seen == 0 {
             work.record_loss(format!(
                 "none of {done} frames shows a tag of a shoe: check numbers, size and family of \
@@ -197,6 +213,26 @@ impl Tracked<'_> {
                 excess_cost: other.excess_cost as f32,
             }),
         })
+    }
+}
+
+/// Detections in which one eye was used of two.
+#[derive(Clone, Copy, Debug, Default)]
+struct EyeCounts {
+    all: u32,
+    one: u32,
+}
+
+impl EyeCounts {
+    fn count(&mut self, detection: &TagDetection) {
+        let [left, right] = detection.visible_share;
+        self.all += 1;
+        self.one += u32::from(left.min(right) < MIN_EYE_SHARE);
+    }
+
+    /// Whether most detections use one eye, which happens at the edge of images alone now and then.
+    fn disagree(self) -> bool {
+        self.all >= MIN_DETECTIONS && 2 * self.one > self.all
     }
 }
 
