@@ -3,8 +3,11 @@
 use cad_transforms::RigidTransform;
 use cad_transforms::rig::{Foot, TagFamily};
 use camera_models::{CameraModel, Distortion};
-use scene_bundle::outputs::depth::DepthView;
+use scene_bundle::outputs::depth::{DepthKey, DepthView};
 use scene_bundle::outputs::rig::{RigCamera, RigModel, RigShoe, RigShoeTag};
+use terrain::RowMotion;
+
+use super::depth_frames::DepthFrame;
 
 pub(super) const SIZE: [u32; 2] = [60, 40];
 /// Height of the camera above the ground, m.
@@ -66,5 +69,19 @@ pub(super) fn view() -> DepthView {
         camera: "feet".to_owned(),
         model: model(),
         view_from_left: RigidTransform::identity(),
+    }
+}
+
+/// A depth map of the camera, with the rig at the origin.
+pub(super) fn frame(time_ns: i64) -> DepthFrame {
+    DepthFrame {
+        key: DepthKey {
+            view: 0,
+            time_ns,
+            frame: 3,
+            set: 1,
+        },
+        world_from_view: rig().cameras[0].rig_from_left,
+        row_motion: RowMotion::default(),
     }
 }

@@ -148,10 +148,9 @@ impl Place<'_> {
 #[cfg(test)]
 mod tests {
     use cad_transforms::rig::Foot;
-    use scene_bundle::outputs::depth::DepthKey;
 
     use super::*;
-    use crate::pipeline::stages::down_looking::{HEIGHT_M, SIZE, at, rig, view};
+    use crate::pipeline::stages::down_looking::{HEIGHT_M, SIZE, at, frame, rig, view};
 
     /// The place of a sole that is `ahead_m` in front of the camera, on level ground with something
     /// of this height to the right of the middle.
@@ -170,16 +169,7 @@ mod tests {
                 .collect(),
             sigma: vec![(0.004 / SIGMA_UNIT_M) as u16; pixels as usize],
         };
-        let frame = DepthFrame {
-            key: DepthKey {
-                view: 0,
-                time_ns: 5,
-                frame: 3,
-                set: 1,
-            },
-            world_from_view: rig.cameras[0].rig_from_left,
-            row_motion: terrain::RowMotion::default(),
-        };
+        let frame = frame(5);
         let place = Place {
             rig: &rig,
             view: &view,

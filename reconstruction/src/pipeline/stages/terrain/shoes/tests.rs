@@ -1,9 +1,8 @@
 use cad_transforms::Covariance;
 use cad_transforms::rig::Foot;
-use scene_bundle::outputs::depth::DepthKey;
 
 use super::*;
-use crate::pipeline::stages::down_looking::{HEIGHT_M, SIZE, at, rig, view};
+use crate::pipeline::stages::down_looking::{HEIGHT_M, SIZE, at, frame, rig, view};
 
 fn detection(time_ns: i64) -> TagDetection {
     TagDetection {
@@ -25,16 +24,7 @@ fn detection(time_ns: i64) -> TagDetection {
 fn excluded(detections: &[TagDetection], shoe_m: f64) -> Vec<[f64; 2]> {
     let rig = rig();
     let view = view();
-    let frame = DepthFrame {
-        key: DepthKey {
-            view: 0,
-            time_ns: 1_000_000_000,
-            frame: 0,
-            set: 0,
-        },
-        world_from_view: rig.cameras[0].rig_from_left,
-        row_motion: terrain::RowMotion::default(),
-    };
+    let frame = frame(1_000_000_000);
     let place = |pixel: usize, depth: f64| {
         let [x, y] = [pixel % SIZE[0] as usize, pixel / SIZE[0] as usize].map(|v| v as f64);
         let point = [(x - 29.5) / 60.0 * depth, (y - 19.5) / 60.0 * depth, depth];
