@@ -4,6 +4,8 @@
 //! view and is not hidden by what the depth map shows in front of it. While the foot bears on the
 //! ground, it hides its place. Places without depth are not visible.
 
+use std::collections::BTreeMap;
+
 use camera_models::Lens;
 use estimator_config::config;
 use rayon::prelude::*;
@@ -22,6 +24,8 @@ config! {
     pub(super) struct ContactViewConfig {
         /// Least share of the sole's outline that has to be visible.
         pub min_share: f64 = 0.5,
+        /// Maximum distance from the camera, m: a sole of 0.3 m is 20 px long there.
+        pub max_distance_m: f64 = 8.0,
         /// Sigmas by which a depth may be less than that of the sole.
         pub sigmas: f64 = 3.0,
         /// One standard deviation of the place of a sole beside that of depth, m.
@@ -48,27 +52,35 @@ pub(super) fn contact_views(
     keyframes: &Keyframes<'_>,
 ) -> Result<Vec<ContactView>, StageError> {
     let config = ContactViewConfig::default();
-    let soles: Vec<Vec<[f64; 3]>> = contacts
-        .iter()
-        .map(|contact| sole(contact, &outlines[contact.foot as usize], &config))
-        .collect();
+    let sole = |contact: &FootContact| sole(contact, &outlines[contact.foot as usize], &config);
+    let soles: Vec<Vec<[f64; 3]>> = contacts.iter().map(sole).collect();
+    // By their place, so that a frame does not test all contacts of a long walk.
+    let cell_of = |[x, y, _]: [f64; 3]| [x, y].map(|v| (v / config.max_distance_m).floor() as i64);
+    let mut cells: BTreeMap<[i64; 2], Vec<usize>> = BTreeMap::new();
+    for (number, sole) in soles.iter().enumerate() {
+        cells.entry(cell_of(sole[0])).or_default().push(number);
+    }
     let of_frame = |frame: &DepthFrame| -> Result<Vec<ContactView>, BundleError> {
-        let image = read(keyframes.depth, keyframes.index, &frame.key)?;
+        let [row, column] = cell_of(frame.world_from_view.translation_m());
+        let around = (-1..=1).flat_map(|i| (-1..=1).map(move |j| [row + i, column + j]));
+        let near = around.filter_map(|cell| cells.get(&cell)).flatten();
         let time_ns = frame.key.time_ns;
+        let bears = |number: &usize| {
+            let [strike, .., toe_off] = contacts[*number].events.map(|event| event.time_ns);
+            (strike..=toe_off).contains(&time_ns)
+        };
+        let mut near = near.filter(|number| !bears(number)).peekable();
+        if near.peek().is_none() {
+            return Ok(Vec::new());
+        }
         let place = Place {
             rig: keyframes.rig,
             view: &keyframes.index.views[frame.key.view],
             frame,
-            image: &image,
+            image: &read(keyframes.depth, keyframes.index, &frame.key)?,
         };
-        let bears = |contact: &FootContact| {
-            let [strike, .., toe_off] = contact.events.map(|event| event.time_ns);
-            (strike..=toe_off).contains(&time_ns)
-        };
-        let found = (0_u64..).zip(contacts).zip(&soles);
-        let found = found.filter(|((_, contact), _)| !bears(contact));
-        let found = found.filter_map(|((number, _), sole)| place.view(number, sole, &config));
-        Ok(found.collect())
+        let view = |number: &usize| place.view(*number as u64, &soles[*number], &config);
+        Ok(near.filter_map(view).collect())
     };
     let views = keyframes.frames.par_iter().map(of_frame);
     let mut views: Vec<ContactView> = views.collect::<Result<Vec<_>, _>>()?.concat();
@@ -131,6 +143,10 @@ impl Place<'_> {
         }
         let (camera, model) = self.rig.camera(&view.camera)?;
         let in_view = view_from_world.apply(sole[0]);
+        let distance_m = in_view.iter().map(|v| v * v).sum::<f64>().sqrt();
+        if distance_m > config.max_distance_m {
+            return None;
+        }
         let in_left = view.view_from_left.inverse().apply(in_view);
         let [column, row] = Lens::new(&model.left).project(in_left)?;
         Some(ContactView {
@@ -139,7 +155,7 @@ impl Place<'_> {
             frame: frame.key.frame,
             time_ns: frame.key.time_ns,
             pixel: [column as f32, row as f32],
-            distance_m: in_left.iter().map(|v| v * v).sum::<f64>().sqrt() as f32,
+            distance_m: distance_m as f32,
             visible_share: share as f32,
         })
     }
