@@ -505,7 +505,7 @@ pub(crate) fn faults(report: &Report) -> Vec<String> {
     for (name, stream) in &report.streams {
         for (n, what) in [
             (stream.lost, "lost without a gap record"),
-            (stream.repeated, "twice"),
+            (stream.repeated, "twice or out of order"),
             (stream.contradicted, "present against a gap record"),
             (stream.bad_payloads, "with a bad payload"),
         ] {

@@ -402,14 +402,15 @@ impl SegmentScan {
         })
     }
 
-    fn failed(&self, error: io::Error) -> ReadError {
+    pub(crate) fn failed(&self, error: io::Error) -> ReadError {
         ReadError::Io {
             path: self.path.clone(),
             error,
         }
     }
 
-    fn first_chunk(&self) -> Result<Option<VerifiedChunk>, ReadError> {
+    /// The first chunk whose checksum holds: the head, if the segment has one.
+    pub(crate) fn first_chunk(&self) -> Result<Option<VerifiedChunk>, ReadError> {
         let mut scan = self.scan()?;
         while let Some(item) = scan.next_item().map_err(|e| self.failed(e))? {
             if let Item::Chunk(chunk) = item {

@@ -4,9 +4,10 @@
 //! held is copied byte for byte, every segment gets its summary, and what is missing without a gap
 //! record gets one with cause `CAUSE_DAMAGED`. Of a chunk whose checksum does not hold, everything
 //! but the damaged frames is copied if the checksums of its access units prove it sound
-//! (`salvage.rs`), else nothing. Nothing that failed its checksum is copied, so no fresh checksum
-//! is ever put over damaged bytes; nor is a message that no recorder can have written
-//! (`impossible.rs`). The copy is verified before it is called good.
+//! (`salvage.rs`) and they bring no fault that the source does not have (a number twice, as of a
+//! chunk of which a sound copy is elsewhere), else nothing. Nothing that failed its checksum is
+//! copied, so no fresh checksum is ever put over damaged bytes; nor is a message that no recorder
+//! can have written (`impossible.rs`). The copy is verified before it is called good.
 //!
 //! Where nothing is damaged and only the end is cut off, the segments are, byte for byte, those
 //! that a clean close of the same chunks would have left. A chunk that was only partly written is
@@ -33,7 +34,7 @@ use crate::salvage::salvage;
 use crate::scan::{CHUNK_LIMIT, Damage, DamageKind, Item, VerifiedChunk};
 use crate::storage::{self, Storage};
 use crate::time::HostTime;
-use crate::verify::{Check, Lost, Report, rig_file, verify};
+use crate::verify::{Check, Lost, Report, Vacant, check, rig_file, verify};
 use crate::writer::{LIBRARY, PROFILE, head_chunk};
 
 /// Appended to the name of a segment that is rewritten.
@@ -115,8 +116,10 @@ pub fn recover(
     target: Arc<dyn Storage>,
     mut progress: impl FnMut(u64),
 ) -> Result<Recovered, RecoverError> {
-    let report = verify(source, &mut progress)?;
-    let mut copy = Copy::new(source, &*target)?;
+    let check = check(source, &mut progress)?;
+    let vacant = check.vacant();
+    let report = check.finish();
+    let mut copy = Copy::new(source, &*target, vacant)?;
     for number in source.segment_numbers() {
         copy.segment(number)?;
     }
@@ -266,12 +269,18 @@ struct Copy<'a> {
     roles: Roles,
     /// Of everything that was copied.
     check: Check,
+    /// What may be saved of damaged chunks.
+    vacant: Vacant,
     saved_chunks: u64,
     saved_messages: u64,
 }
 
 impl<'a> Copy<'a> {
-    fn new(source: &'a SessionReader, target: &'a dyn Storage) -> Result<Self, RecoverError> {
+    fn new(
+        source: &'a SessionReader,
+        target: &'a dyn Storage,
+        vacant: Vacant,
+    ) -> Result<Self, RecoverError> {
         let manifest = Manifest {
             state: State::Recovered,
             segments: Vec::new(),
@@ -279,6 +288,7 @@ impl<'a> Copy<'a> {
             ..source.manifest().clone()
         };
         let mut copy = Self::with(source, target, manifest, "");
+        copy.vacant = vacant;
         copy.rig().map_err(RecoverError::Write)?;
         Ok(copy)
     }
@@ -309,6 +319,7 @@ impl<'a> Copy<'a> {
             newest: manifest.started,
             roles: Roles::new(&manifest),
             check: Check::new(source),
+            vacant: Vacant::default(),
             saved_chunks: 0,
             saved_messages: 0,
             manifest,
@@ -347,65 +358,55 @@ impl<'a> Copy<'a> {
     /// a head, so that numbers stay what they were.
     fn segment(&mut self, number: u32) -> Result<(), RecoverError> {
         self.end_segment().map_err(RecoverError::Write)?;
-        let path = layout::segment(number);
-        let mut scan = match self.source.segment(number) {
-            Ok(segment) => {
-                let scan = segment.scan()?;
-                Some((segment, scan))
-            }
+        let opened = match self.source.segment(number) {
+            Ok(segment) => Some(segment),
             Err(ReadError::Io { error, .. }) if error.kind() == io::ErrorKind::NotFound => None,
             Err(e) => return Err(e.into()),
         };
+        let first = opened.as_ref().map(SegmentScan::first_chunk).transpose()?;
+        let head = first.flatten().filter(|chunk| head_of(chunk).is_some());
+        let identity = head.as_ref().and_then(head_of);
+        // Nothing in a foreign file belongs to the session.
+        let is_foreign = identity.is_some_and(|head| self.source.is_foreign(number, &head));
+        let opened = opened.filter(|_| !is_foreign);
+        let head = head.filter(|_| !is_foreign);
+
         let mut file = self
             .target
             .create(&self.path(number))
             .map_err(RecoverError::Write)?;
         let (mut encoder, start) = SegmentEncoder::start(PROFILE, LIBRARY);
         file.append(&start).map_err(RecoverError::Write)?;
+        let head_at = head.as_ref().map(|head| head.offset);
         let mut at_start = true;
-        while let Some((segment, scan)) = &mut scan {
-            let failed = |error| ReadError::Io {
-                path: path.clone(),
-                error,
-            };
-            let mut chunk = match scan.next_item().map_err(failed)? {
-                Some(Item::Chunk(chunk)) => chunk,
+        if let Some(head) = head.map(|head| self.possible(head)) {
+            self.note_states(&head);
+            put(&mut *file, &mut encoder, &self.head(number, Some(&head)))?;
+            at_start = false;
+        }
+        let mut scan = opened.as_ref().map(SegmentScan::scan).transpose()?;
+        while let (Some(segment), Some(scan)) = (&opened, &mut scan) {
+            let chunk = match scan.next_item().map_err(|e| segment.failed(e))? {
+                Some(Item::Chunk(chunk)) if Some(chunk.offset) == head_at => continue,
+                Some(Item::Chunk(chunk)) => self.possible(chunk),
                 Some(Item::Damage(damage)) => {
-                    match self.saved(segment, &damage).map_err(failed)? {
+                    let saved = self.saved(number, segment, &damage);
+                    match saved.map_err(|e| segment.failed(e))? {
                         Some(chunk) => chunk,
                         None => continue,
                     }
                 }
                 None => break,
             };
-            let head = at_start.then(|| head_of(&chunk)).flatten();
-            if (head.as_ref()).is_some_and(|head| self.source.is_foreign(number, head)) {
-                // Nothing in it belongs to the session.
-                break;
-            }
-            let is_head = head.is_some();
-            let left_out = impossible(&chunk.records, &self.roles);
-            chunk.records = without(&chunk.records, &left_out);
-            if is_head {
-                self.note_states(&chunk);
-            }
-            if at_start {
-                let head = self.head(number, Some(&chunk));
-                put(&mut *file, &mut encoder, &head)?;
-                at_start = false;
-            }
-            if is_head {
-                continue;
+            if std::mem::take(&mut at_start) {
+                put(&mut *file, &mut encoder, &self.head(number, Some(&chunk)))?;
             }
             self.note_states(&chunk);
-            for m in chunk.messages().map_while(Result::ok) {
-                self.check.message(&Message::of_chunk(number, &chunk, &m));
-            }
+            Message::all(number, &chunk).for_each(|m| self.check.message(&m));
             put(&mut *file, &mut encoder, &sealed_chunk(&chunk.records))?;
         }
         if at_start {
-            let head = self.head(number, None);
-            put(&mut *file, &mut encoder, &head)?;
+            put(&mut *file, &mut encoder, &self.head(number, None))?;
         }
         if let Some((_, end)) = encoder.bounds() {
             self.newest = self.newest.max(HostTime(end as i64));
@@ -414,9 +415,18 @@ impl<'a> Copy<'a> {
         Ok(())
     }
 
-    /// What can be saved of a range whose checksum did not hold.
+    /// The chunk without its impossible messages.
+    fn possible(&self, mut chunk: VerifiedChunk) -> VerifiedChunk {
+        let left_out = impossible(&chunk.records, &self.roles);
+        chunk.records = without(&chunk.records, &left_out);
+        chunk
+    }
+
+    /// What can be saved of a range whose checksum did not hold; nothing if it would bring a fault
+    /// into the copy. A head has no frames, so there is nothing to save of one.
     fn saved(
         &mut self,
+        number: u32,
         segment: &SegmentScan,
         damage: &Damage,
     ) -> io::Result<Option<VerifiedChunk>> {
@@ -430,11 +440,17 @@ impl<'a> Copy<'a> {
             .file()
             .read_exact_at(&mut bytes, damage.bytes.start)?;
         let saved = salvage(&Bytes::from(bytes), damage.bytes.start, &self.roles);
-        if let Some(chunk) = &saved {
-            self.saved_chunks += 1;
-            self.saved_messages += chunk.messages().count() as u64;
+        let Some(saved) = saved.filter(|chunk| head_of(chunk).is_none()) else {
+            return Ok(None);
+        };
+        let saved = self.possible(saved);
+        let alone = self.check.alone(Message::all(number, &saved));
+        if !self.check.admits(&alone, &mut self.vacant) {
+            return Ok(None);
         }
-        Ok(saved)
+        self.saved_chunks += 1;
+        self.saved_messages += saved.messages().count() as u64;
+        Ok(Some(saved))
     }
 
     /// The head of a segment: the one that it had, if the segment before has the same number of

@@ -6,138 +6,29 @@
 //! separately; recovery writes gap records for the second kind.
 
 use std::collections::BTreeMap;
-
-use serde::{Deserialize, Serialize};
+use std::sync::Arc;
 
 use crate::layout;
-use crate::manifest::{Extent, RigFile, State};
+use crate::manifest::{RigFile, State};
 use crate::reader::{Entry, Message, ReadError, SessionReader};
 use crate::record::{
     CameraCalibration, ClockMap, CompressedVideo, Event, Frame, FrameSet, FrameTransforms, Gap,
     Health, ImuBatch, Record, Segment,
 };
-use crate::scan::{Damage, DamageKind, End};
+use crate::scan::End;
 use crate::storage::{self, Storage};
 use crate::time::HostTime;
 
-/// Consecutive samples that are missing without a gap record.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Lost {
-    /// The stream, as gap records name it.
-    pub stream: String,
-    /// First missing number.
-    pub first: u64,
-    /// Last missing number.
-    pub last: u64,
-    /// Time of the sample before.
-    pub after: HostTime,
-    /// Time of the sample behind.
-    pub before: HostTime,
-}
+mod numbers;
+mod ranges;
+mod report;
+mod vacant;
 
-/// What is known of one numbered stream.
-#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-pub struct StreamReport {
-    /// First number: of a sample, in a gap record, or by the manifest.
-    pub first: u64,
-    /// Last number: of a sample, in a gap record, or by the manifest.
-    pub last: u64,
-    /// Samples present.
-    pub samples: u64,
-    /// Samples missing by gap records.
-    pub gaps: u64,
-    /// Samples missing without a gap record.
-    pub lost: u64,
-    /// Samples whose number was there before.
-    pub repeated: u64,
-    /// Samples that are present although a gap record says that they are missing.
-    pub contradicted: u64,
-    /// Frames whose access unit is missing or does not match its checksum.
-    pub bad_payloads: u64,
-    /// Time of the first sample.
-    pub start: HostTime,
-    /// Time of the last sample. Samples that a cut has taken are later.
-    pub end: HostTime,
-}
+pub(crate) use ranges::union;
+pub use report::{Lost, Report, SegmentDamage, StreamReport};
+pub(crate) use vacant::Vacant;
 
-impl StreamReport {
-    /// Samples that should be there: every number from the first to the last.
-    pub fn expected(&self) -> u64 {
-        if self.samples == 0 && self.gaps == 0 && self.lost == 0 {
-            0
-        } else {
-            (self.last - self.first).saturating_add(1)
-        }
-    }
-}
-
-/// Damage in one segment.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct SegmentDamage {
-    /// The segment.
-    pub segment: u32,
-    /// Range and cause.
-    #[serde(flatten)]
-    pub damage: Damage,
-}
-
-/// Everything found in a session.
-#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Report {
-    /// The session's identifier.
-    pub session_id: String,
-    /// Why the manifest had to be rebuilt, if it had to.
-    pub manifest_note: Option<String>,
-    /// Whether the recorder closed the session.
-    pub closed: bool,
-    /// Bytes of the segments.
-    pub bytes: u64,
-    /// Messages that can be read.
-    pub messages: u64,
-    /// Segments that are not there.
-    pub missing_segments: Vec<u32>,
-    /// Files of `rig/` that are not there or not what the manifest says, by name.
-    pub bad_rig_files: Vec<String>,
-    /// Bytes that cannot be used.
-    pub damage: Vec<SegmentDamage>,
-    /// Messages that are not what their schema says.
-    pub undecodable: u64,
-    /// The numbered streams: cameras and IMUs.
-    pub streams: BTreeMap<String, StreamReport>,
-    /// Samples missing without a gap record, by time.
-    pub lost: Vec<Lost>,
-    /// Segments that ended without a summary although nothing is damaged: cut off, or given up.
-    pub open_segments: Vec<u32>,
-}
-
-impl Report {
-    /// Whether only the end is missing, as after a power cut: nothing else is wrong with it.
-    pub fn is_only_cut_off(&self) -> bool {
-        let last = self.damage.iter().map(|d| d.segment).max();
-        let mut closed = self.clone();
-        closed.closed = true;
-        closed
-            .damage
-            .retain(|d| d.damage.kind != DamageKind::CutOff || Some(d.segment) != last);
-        !self.closed && closed.is_sound()
-    }
-
-    /// Whether everything that was recorded is there and accounted for. Loss that the recorder
-    /// noted does not make a session unsound; an unclosed one is not sound.
-    pub fn is_sound(&self) -> bool {
-        self.closed
-            && self.manifest_note.is_none()
-            && self.missing_segments.is_empty()
-            && self.bad_rig_files.is_empty()
-            && self.damage.is_empty()
-            && self.undecodable == 0
-            && self.lost.is_empty()
-            && self
-                .streams
-                .values()
-                .all(|s| s.repeated == 0 && s.contradicted == 0 && s.bad_payloads == 0)
-    }
-}
+use numbers::Numbers;
 
 /// Checks a session; `progress` is called with the bytes of each message read.
 ///
@@ -159,7 +50,18 @@ impl Report {
 /// assert_eq!((imu.samples, imu.expected(), imu.lost), (200, 200, 0));
 /// # Ok::<(), session_archive::reader::ReadError>(())
 /// ```
-pub fn verify(reader: &SessionReader, mut progress: impl FnMut(u64)) -> Result<Report, ReadError> {
+pub fn verify(reader: &SessionReader, progress: impl FnMut(u64)) -> Result<Report, ReadError> {
+    check(reader, progress).map(Check::finish)
+}
+
+/// Counts everything in a session.
+///
+/// # Errors
+/// As for [`verify`].
+pub(crate) fn check(
+    reader: &SessionReader,
+    mut progress: impl FnMut(u64),
+) -> Result<Check, ReadError> {
     let manifest = reader.manifest();
     let mut check = Check::new(reader);
     check.report = Report {
@@ -187,7 +89,7 @@ pub fn verify(reader: &SessionReader, mut progress: impl FnMut(u64)) -> Result<R
             Entry::SegmentMissing { segment } => check.report.missing_segments.push(segment),
         }
     }
-    Ok(check.finish())
+    Ok(check)
 }
 
 fn bad_rig_files(reader: &SessionReader) -> Vec<String> {
@@ -215,132 +117,6 @@ enum Kind {
     Other(fn(&Message) -> bool),
 }
 
-/// A numbered stream while it is being read.
-#[derive(Default)]
-struct Numbers {
-    report: StreamReport,
-    /// Holes between consecutive samples: numbers, and the times around them.
-    holes: Vec<(u64, u64, HostTime, HostTime)>,
-    gaps: Vec<(u64, u64)>,
-    newest: Option<(u64, HostTime)>,
-    /// What the manifest says was on disk.
-    extent: Option<Extent>,
-}
-
-impl Numbers {
-    fn samples(&mut self, first: u64, count: u64, start: HostTime, end: HostTime) {
-        let last = first.saturating_add(count.saturating_sub(1));
-        match self.newest {
-            None => {
-                self.report.first = first;
-                self.report.start = start;
-            }
-            Some((newest, _)) if first <= newest => {
-                self.report.repeated += count;
-                return;
-            }
-            Some((newest, time)) if first > newest.saturating_add(1) => {
-                self.holes
-                    .push((newest.saturating_add(1), first - 1, time, start));
-            }
-            Some(_) => {}
-        }
-        self.report.samples += count;
-        self.report.last = last;
-        self.report.end = end;
-        self.newest = Some((last, end));
-    }
-
-    /// Subtracts the gap records from the missing numbers; returns the losses that no gap record
-    /// explains.
-    fn settle(self, name: &str) -> (StreamReport, Vec<Lost>) {
-        let gaps = union(self.gaps);
-        let mut report = self.report;
-        let sampled = (report.samples > 0).then_some((report.first, report.last));
-        let known = self.extent.map(|e| (e.first, e.last));
-        let all = || gaps.iter().copied().chain(sampled).chain(known);
-        let (Some(first), Some(last)) = (all().map(|r| r.0).min(), all().map(|r| r.1).max()) else {
-            return (report, Vec::new());
-        };
-        let mut missing = self.holes;
-        if let Some((first_sample, last_sample)) = sampled {
-            let (start, end) = (report.start, report.end);
-            if first < first_sample {
-                let after = self.extent.map_or(start, |e| e.start.min(start));
-                missing.push((first, first_sample - 1, after, start));
-            }
-            if last > last_sample {
-                let before = self.extent.map_or(end, |e| e.end.max(end));
-                missing.push((last_sample + 1, last, end, before));
-            }
-        } else {
-            let (after, before) = self
-                .extent
-                .map_or_else(Default::default, |e| (e.start, e.end));
-            missing.push((first, last, after, before));
-        }
-        let count = |a: u64, b: u64| (b - a).saturating_add(1);
-        let mut unsampled: u64 = 0;
-        let mut lost = Vec::new();
-        for (from, to, after, before) in missing {
-            unsampled = unsampled.saturating_add(count(from, to));
-            for (a, b) in subtract((from, to), &gaps) {
-                report.lost = report.lost.saturating_add(count(a, b));
-                lost.push(Lost {
-                    stream: name.to_owned(),
-                    first: a,
-                    last: b,
-                    after,
-                    before,
-                });
-            }
-        }
-        let gap_numbers = gaps.iter().map(|&(a, b)| count(a, b));
-        report.gaps = gap_numbers.fold(0, u64::saturating_add);
-        // Every gap has to lie within what is missing.
-        report.contradicted = report.gaps.saturating_sub(unsampled - report.lost);
-        (report.first, report.last) = (first, last);
-        (report, lost)
-    }
-}
-
-/// Sorted, disjoint ranges that cover the same numbers.
-pub(crate) fn union(mut ranges: Vec<(u64, u64)>) -> Vec<(u64, u64)> {
-    ranges.retain(|(a, b)| a <= b);
-    ranges.sort_unstable();
-    let mut out: Vec<(u64, u64)> = Vec::new();
-    for (a, b) in ranges {
-        match out.last_mut() {
-            Some(last) if a <= last.1.saturating_add(1) => last.1 = last.1.max(b),
-            _ => out.push((a, b)),
-        }
-    }
-    out
-}
-
-/// What of `range` is in none of the sorted, disjoint `covers`.
-fn subtract(range: (u64, u64), covers: &[(u64, u64)]) -> Vec<(u64, u64)> {
-    let (mut from, to) = range;
-    let mut out = Vec::new();
-    let start = covers.partition_point(|c| c.1 < from);
-    for &(a, b) in &covers[start..] {
-        if a > to {
-            break;
-        }
-        if a > from {
-            out.push((from, a - 1));
-        }
-        from = b.saturating_add(1);
-        if from > to || b == u64::MAX {
-            return out;
-        }
-    }
-    if from <= to {
-        out.push((from, to));
-    }
-    out
-}
-
 /// Whether a message of this schema can be decoded; of a schema that is not known here, yes.
 fn decodes_as(schema: &str) -> fn(&Message) -> bool {
     fn decodes<R: Record>(m: &Message) -> bool {
@@ -360,7 +136,7 @@ fn decodes_as(schema: &str) -> fn(&Message) -> bool {
 
 /// Counts the messages of a session one after the other.
 pub(crate) struct Check {
-    kinds: BTreeMap<u16, (Kind, String)>,
+    kinds: Arc<BTreeMap<u16, (Kind, String)>>,
     report: Report,
     numbers: BTreeMap<String, Numbers>,
     /// The newest frame record of each camera whose access unit has not come yet.
@@ -390,11 +166,48 @@ impl Check {
             numbers.entry(of.clone()).or_default().extent = Some(*extent);
         }
         Self {
-            kinds,
+            kinds: Arc::new(kinds),
             report: Report::default(),
             numbers,
             awaiting: BTreeMap::new(),
         }
+    }
+
+    /// Counts these messages alone, of the same session.
+    pub(crate) fn alone(&self, messages: impl Iterator<Item = Message>) -> Self {
+        let mut alone = Self {
+            kinds: self.kinds.clone(),
+            report: Report::default(),
+            numbers: BTreeMap::new(),
+            awaiting: BTreeMap::new(),
+        };
+        messages.for_each(|m| alone.message(&m));
+        alone
+    }
+
+    /// The numbers that are vacant in everything that was counted.
+    pub(crate) fn vacant(&self) -> Vacant {
+        Vacant::new(&self.numbers)
+    }
+
+    /// Whether the messages of `chunk`, counted alone, bring no fault if they come next; if so,
+    /// their numbers are no longer vacant.
+    pub(crate) fn admits(&self, chunk: &Self, vacant: &mut Vacant) -> bool {
+        let is_sound = |(name, numbers): (&String, &Numbers)| {
+            let newest = self.numbers.get(name).and_then(Numbers::newest);
+            let report = &numbers.report;
+            (report.repeated, report.bad_payloads) == (0, 0)
+                && (numbers.newest().is_none() || !self.awaiting.contains_key(name))
+                && vacant.fits(name, newest, numbers)
+        };
+        let is_decodable = chunk.report.undecodable == 0 && chunk.awaiting.is_empty();
+        let admits = is_decodable && chunk.numbers.iter().all(is_sound);
+        if admits {
+            for (name, numbers) in &chunk.numbers {
+                vacant.take(name, numbers);
+            }
+        }
+        admits
     }
 
     pub(crate) fn message(&mut self, m: &Message) {
@@ -493,96 +306,5 @@ impl Check {
         }
         self.report.lost.sort_by_key(|l| (l.after, l.first));
         self.report
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn ranges() {
-        assert_eq!(
-            union(vec![(5, 7), (1, 2), (3, 3), (9, 8)]),
-            [(1, 3), (5, 7)]
-        );
-        let covers = [(1, 3), (5, 7)];
-        assert_eq!(subtract((0, 9), &covers), [(0, 0), (4, 4), (8, 9)]);
-        assert_eq!(subtract((1, 7), &covers), [(4, 4)]);
-        assert_eq!(subtract((2, 3), &covers), []);
-        assert_eq!(subtract((8, 8), &covers), [(8, 8)]);
-        assert_eq!(subtract((0, u64::MAX), &[(3, u64::MAX)]), [(0, 2)]);
-    }
-
-    #[test]
-    fn every_hole_is_explained_or_lost() {
-        let mut n = Numbers::default();
-        for (number, time) in [(10, 0), (11, 1), (15, 5), (16, 6), (20, 10)] {
-            n.samples(number, 1, HostTime(time), HostTime(time));
-        }
-        n.gaps = vec![(12, 13), (17, 19), (21, 22)];
-        let (report, lost) = n.settle("feet");
-        assert_eq!((report.first, report.last, report.samples), (10, 22, 5));
-        assert_eq!((report.gaps, report.lost, report.contradicted), (7, 1, 0));
-        assert_eq!(
-            report.samples + report.gaps + report.lost,
-            report.expected()
-        );
-        assert_eq!(lost.len(), 1);
-        assert_eq!((lost[0].first, lost[0].last), (14, 14));
-        assert_eq!((lost[0].after, lost[0].before), (HostTime(1), HostTime(5)));
-    }
-
-    #[test]
-    fn what_the_manifest_had_is_lost_at_the_ends() {
-        let mut n = Numbers {
-            extent: extent(5, 20),
-            gaps: vec![(6, 6), (9, 9), (19, 19)],
-            ..Numbers::default()
-        };
-        for number in [10, 11] {
-            let time = HostTime(number as i64 * 10);
-            n.samples(number, 1, time, time);
-        }
-        let (report, lost) = n.settle("feet");
-        assert_eq!((report.first, report.last, report.samples), (5, 20, 2));
-        assert_eq!((report.gaps, report.contradicted), (3, 0));
-        let spans: Vec<_> = lost.iter().map(|l| (l.first, l.last)).collect();
-        assert_eq!(spans, [(5, 5), (7, 8), (12, 18), (20, 20)]);
-        assert_eq!(
-            report.samples + report.gaps + report.lost,
-            report.expected()
-        );
-        assert_eq!(
-            (lost[3].after, lost[3].before),
-            (HostTime(110), HostTime(200))
-        );
-        // Nothing of the stream is left at all.
-        let n = Numbers {
-            extent: extent(5, 20),
-            ..Numbers::default()
-        };
-        let (report, lost) = n.settle("feet");
-        assert_eq!((report.lost, report.expected(), lost.len()), (16, 16, 1));
-    }
-
-    fn extent(first: u64, last: u64) -> Option<Extent> {
-        Some(Extent {
-            first,
-            last,
-            start: HostTime(first as i64 * 10),
-            end: HostTime(last as i64 * 10),
-        })
-    }
-
-    #[test]
-    fn a_gap_over_a_present_sample_is_a_contradiction() {
-        let mut n = Numbers::default();
-        for number in [1, 2, 4] {
-            n.samples(number, 1, HostTime(0), HostTime(0));
-        }
-        n.gaps = vec![(2, 3)];
-        let (report, _) = n.settle("feet");
-        assert_eq!(report.contradicted, 1);
     }
 }

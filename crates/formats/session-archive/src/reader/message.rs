@@ -44,6 +44,12 @@ impl Message {
         }
     }
 
+    /// The messages of a chunk, in the order written.
+    pub(crate) fn all(segment: u32, chunk: &VerifiedChunk) -> impl Iterator<Item = Self> + '_ {
+        let messages = chunk.messages().map_while(Result::ok);
+        messages.map(move |m| Self::of_chunk(segment, chunk, &m))
+    }
+
     /// The payload as a message of type `R`.
     ///
     /// # Errors

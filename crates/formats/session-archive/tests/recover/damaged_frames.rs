@@ -4,7 +4,11 @@ use super::*;
 use session_archive::index::Index;
 
 /// The bytes of each access unit of a chunk in its segment's file, with camera and frame number.
-fn units(segment: &[u8], chunk: &ChunkAt, manifest: &Manifest) -> Vec<(Range<usize>, String, u64)> {
+pub(super) fn units(
+    segment: &[u8],
+    chunk: &ChunkAt,
+    manifest: &Manifest,
+) -> Vec<(Range<usize>, String, u64)> {
     let records = &segment[chunk.bytes.start + CHUNK_PREFIX..chunk.bytes.end];
     let base = segment.as_ptr() as usize;
     let mut units = Vec::new();

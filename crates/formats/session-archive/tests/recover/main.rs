@@ -1,6 +1,7 @@
 //! Recovery gives back everything that can be trusted, says exactly what it could not, and never
 //! touches the source.
 
+mod chunk_order;
 mod damaged_chunks;
 mod damaged_frames;
 mod impossible;

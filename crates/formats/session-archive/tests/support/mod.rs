@@ -2,6 +2,8 @@
 
 #![allow(dead_code, reason = "every test program uses a part of this")]
 
+pub(crate) mod numbers;
+
 use std::sync::Arc;
 
 use session_archive::manifest::{Camera, Imu, Manifest, Stop, Stream};
