@@ -160,6 +160,9 @@ config! {
         pub max_roughness_m: f64 = 0.05,
         /// Ground samples that differ from depth by more sigmas win over it.
         pub max_sample_sigmas: f64 = 3.0,
+        /// Maximum sigma of a height that is certain, m: a foot that finds ground 3 cm lower than
+        /// expected, three sigmas, stumbles.
+        pub max_certain_sigma_m: f64 = 0.01,
     }
 
     /// Constants of [`simplify`](crate::simplify::simplify).
