@@ -10,7 +10,8 @@
 //! 2. `voxels`: errors, time and memory against the size of voxels.
 //! 3. `open3d`: the distance field beside Open3D's, on walks and on frames of a Kinect.
 //!
-//! All use two threads.
+//! All use two threads. Beside times stand processor times of all threads, which other load of the
+//! machine changes less; half of one is the time on two idle cores at best.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -37,7 +38,7 @@ use scores::Quantiles;
 use truth::Truth;
 use walks::{Prepared, WALKS, Walk};
 
-use crate::stamp;
+use crate::{python, stamp};
 
 const PARTS: [&str; 3] = ["walks", "voxels", "open3d"];
 
@@ -55,20 +56,50 @@ pub(crate) fn run(args: &[String]) -> Result<()> {
     let path = options.out.join("terrain.json");
     let mut report = read(&path)?;
     for part in &options.parts {
-        let found = match part.as_str() {
-            "walks" => walks(&options)?,
-            "voxels" => voxels(&options)?,
-            _ => open3d(&options)?,
-        };
-        report.insert(part.clone(), json!({ "stamp": stamp, "found": found }));
-        let text = format!("{:#}\n", Value::Object(report.clone()));
-        fs::write(&path, text).with_context(|| format!("writing {}", path.display()))?;
+        for job in options.jobs(part) {
+            let rows = match (part.as_str(), job) {
+                ("walks", Job::Walk(walk)) => scored(walk)?,
+                ("voxels", Job::Walk(walk)) => voxels(walk, options.quick)?,
+                (_, job) => match open3d(job, options.quick)? {
+                    Some(rows) => rows,
+                    None => continue,
+                },
+            };
+            println!("{:#}", Value::Array(rows.clone()));
+            add_rows(&mut report, part, rows, &stamp);
+            let text = format!("{:#}\n", Value::Object(report.clone()));
+            fs::write(&path, text).with_context(|| format!("writing {}", path.display()))?;
+        }
     }
     for (name, svg) in charts::draw(&report) {
         let path = options.out.join(name);
         fs::write(&path, svg).with_context(|| format!("writing {}", path.display()))?;
     }
     Ok(())
+}
+
+/// What a part runs on.
+#[derive(Clone, Copy)]
+enum Job {
+    Walk(Walk),
+    Kitchen,
+}
+
+/// Adds rows of one walk, with their source; those of others remain.
+fn add_rows(report: &mut Map<String, Value>, part: &str, mut rows: Vec<Value>, stamp: &Value) {
+    for row in &mut rows {
+        row["source"] = stamp::source(stamp).into();
+    }
+    let old = report
+        .get(part)
+        .map_or(&Value::Null, |entry| &entry["rows"]);
+    let old = old.as_array().map_or(&[][..], Vec::as_slice);
+    let is_other = |own: &&Value| rows.iter().all(|row| row["walk"] != own["walk"]);
+    let mut all: Vec<Value> = old.iter().filter(is_other).cloned().collect();
+    all.append(&mut rows);
+    let place = |row: &Value| WALKS.iter().position(|walk| row["walk"] == walk.name());
+    all.sort_by_key(|row| place(row).unwrap_or(WALKS.len()));
+    report.insert(part.to_owned(), json!({ "stamp": stamp, "rows": all }));
 }
 
 /// A walk with its truth and depth maps.
@@ -86,108 +117,103 @@ fn with_walk<T>(
     sources.iter().map(run).collect()
 }
 
-fn walks(options: &Options) -> Result<Value> {
-    let mut rows = Vec::new();
-    for walk in options.walks(&WALKS) {
-        let of_walk = with_walk(
-            walk,
-            &[Source::Stereo, Source::Truth],
-            |truth, source, frames| {
-                let surface = surface::surface(&frames, FusionConfig::default())?;
-                let scores = scores::scores(&surface, truth);
-                let parts = match source {
-                    Source::Stereo => parts::curve(&surface, truth),
-                    Source::Truth => Vec::new(),
-                };
-                let row = json!({
-                    "walk": walk.name(),
-                    "scene": walk.kind.name(),
-                    "light": walk.light.name(),
-                    "columns": walk.size[0],
-                    "depth": source.name(),
-                    "keyframes": surface.costs.keyframes,
-                    "fusion_ms": surface.costs.fusion_ms,
-                    "refinement_ms": surface.costs.refinement_ms,
-                    "end_s": surface.costs.end_s,
-                    "mbytes": 1e-6 * surface.costs.stats.bytes as f64,
-                    "scores": scores,
-                    "parts": parts,
-                });
-                println!("{row:#}");
-                Ok(row)
-            },
-        )?;
-        rows.extend(of_walk);
-    }
-    Ok(Value::Array(rows))
+fn scored(walk: Walk) -> Result<Vec<Value>> {
+    with_walk(
+        walk,
+        &[Source::Stereo, Source::Truth],
+        |truth, source, frames| {
+            let surface = surface::surface(&frames, FusionConfig::default())?;
+            let parts = match source {
+                Source::Stereo => parts::curve(&surface, truth),
+                Source::Truth => Vec::new(),
+            };
+            Ok(json!({
+                "walk": walk.name(),
+                "scene": walk.kind.name(),
+                "light": walk.light.name(),
+                "columns": walk.size[0],
+                "depth": source.name(),
+                "keyframes": surface.costs.keyframes,
+                "fusion_ms": surface.costs.fusion_ms,
+                "fusion_cpu_ms": surface.costs.fusion_cpu_ms,
+                "refinement_ms": surface.costs.refinement_ms,
+                "refinement_cpu_ms": surface.costs.refinement_cpu_ms,
+                "end_s": surface.costs.end_s,
+                "mbytes": 1e-6 * surface.costs.stats.bytes as f64,
+                "scores": scores::scores(&surface, truth),
+                "parts": parts,
+            }))
+        },
+    )
 }
 
-fn voxels(options: &Options) -> Result<Value> {
-    let mut rows = Vec::new();
-    // Stairs and rough ground.
-    for walk in options.walks(&[WALKS[1], WALKS[2], WALKS[6]]) {
-        let curves = with_walk(walk, &[Source::Stereo], |truth, _, frames| {
-            voxels::curve(&frames, truth, options.quick)
-        })?;
-        let row = json!({ "walk": walk.name(), "curve": curves.concat() });
-        println!("{row:#}");
-        rows.push(row);
-    }
-    Ok(json!({ "rows": rows, "chosen_m": FusionConfig::default().voxel_m }))
+fn voxels(walk: Walk, quick: bool) -> Result<Vec<Value>> {
+    let curves = with_walk(walk, &[Source::Stereo], |truth, _, frames| {
+        voxels::curve(&frames, truth, quick)
+    })?;
+    Ok(vec![json!({
+        "walk": walk.name(),
+        "curve": curves.concat(),
+        "chosen_m": FusionConfig::default().voxel_m,
+    })])
 }
 
-fn open3d(options: &Options) -> Result<Value> {
-    let repeats = if options.quick { 1 } else { 5 };
-    if let Err(reason) = crate::python::interpreter_in(crate::python::OPEN3D) {
+/// `None`, with a printed reason, without Open3D or the frames.
+fn open3d(job: Job, quick: bool) -> Result<Option<Vec<Value>>> {
+    let repeats = if quick { 1 } else { 5 };
+    if let Err(reason) = python::interpreter_in(python::OPEN3D) {
         eprintln!("skipped: Open3D: {reason:#}");
-        return Ok(json!({ "skipped": format!("{reason:#}") }));
+        return Ok(None);
     }
-    let mut rows = Vec::new();
-    let mut version = String::new();
-    for walk in options.walks(&[WALKS[1], WALKS[0], WALKS[2]]) {
-        with_walk(walk, &[Source::Stereo], |truth, _, frames| {
-            let (fused, of) = open3d::race(&frames, repeats)?;
-            version = of;
-            for own in &fused {
-                let [sole, near] = height_errors(&own.mesh, truth);
-                rows.push(json!({
-                    "frames": walk.name(),
-                    "count": frames.len(),
-                    "size": walk.size,
-                    "name": own.name,
-                    "ms": own.timing,
-                    "triangles": own.mesh.triangles.len(),
-                    "sole_height": sole,
-                    "near_height": near,
-                }));
-            }
-            Ok(())
-        })?;
-    }
-    match harness::data::sets([kitchen::FOLDER]) {
-        Ok([folder]) => {
+    let row = |name: &str, frames: &[DepthFrame], own: &open3d::Fused, version: &str| {
+        json!({
+            "walk": name,
+            "keyframes": frames.len(),
+            "size": frames.first().map(|frame| frame.size),
+            "threads": open3d::THREADS,
+            "voxel_m": open3d::VOXEL_M,
+            "open3d": version,
+            "name": own.name,
+            "ms": own.timing,
+            "triangles": own.mesh.triangles.len(),
+        })
+    };
+    let walk = match job {
+        Job::Walk(walk) => walk,
+        Job::Kitchen => {
+            let folder = match harness::data::sets([kitchen::FOLDER]) {
+                Ok([folder]) => folder,
+                Err(reason) => {
+                    eprintln!("{reason}");
+                    return Ok(None);
+                }
+            };
             let frames = kitchen::frames(&folder)?;
-            let (fused, _) = open3d::race(&frames, repeats)?;
-            let peers: Vec<&Mesh> = fused.iter().map(|own| &own.mesh).collect();
-            for own in &fused {
-                let (distances, share) = kitchen::agreement(&own.mesh, peers[peers.len() - 1]);
-                rows.push(json!({
-                    "frames": "kitchen",
-                    "count": frames.len(),
-                    "size": frames[0].size,
-                    "name": own.name,
-                    "ms": own.timing,
-                    "triangles": own.mesh.triangles.len(),
-                    "distance_from_scalable_volume": distances,
-                    "share_within_5_cm": share,
-                }));
-            }
+            let (fused, version) = open3d::race(&frames, repeats)?;
+            let reference = fused.last().context("no surface")?;
+            let rows = fused.iter().map(|own| {
+                let mut row = row("kitchen", &frames, own, &version);
+                let (distances, share) = kitchen::agreement(&own.mesh, &reference.mesh);
+                row["reference"] = reference.name.as_str().into();
+                row["distance_from_reference"] = json!(distances);
+                row["share_within_5_cm"] = json!(share);
+                row
+            });
+            return Ok(Some(rows.collect()));
         }
-        Err(reason) => eprintln!("{reason}"),
-    }
-    let found = json!({ "open3d": version, "threads": open3d::THREADS, "voxel_m": open3d::VOXEL_M, "rows": rows });
-    println!("{found:#}");
-    Ok(found)
+    };
+    let rows = with_walk(walk, &[Source::Stereo], |truth, _, frames| {
+        let (fused, version) = open3d::race(&frames, repeats)?;
+        let rows = fused.iter().map(|own| {
+            let mut row = row(&walk.name(), &frames, own, &version);
+            let [sole, near] = height_errors(&own.mesh, truth);
+            row["sole_height"] = json!(sole);
+            row["near_height"] = json!(near);
+            row
+        });
+        Ok(rows.collect::<Vec<Value>>())
+    })?;
+    Ok(Some(rows.concat()))
 }
 
 /// Height errors of a mesh under soles, and within 0.6 m of footprints.
@@ -254,12 +280,51 @@ impl Options {
         Ok(parsed)
     }
 
-    /// The walks to run; a quick run has the first only.
-    fn walks(&self, all: &[Walk]) -> Vec<Walk> {
-        let named = all
+    /// What a part runs on; a quick run has the first only.
+    fn jobs(&self, part: &str) -> Vec<Job> {
+        // Stairs and rough ground; a kerb in front of Open3D.
+        let walks = match part {
+            "walks" => WALKS.to_vec(),
+            "voxels" => vec![WALKS[1], WALKS[2], WALKS[6]],
+            _ => vec![WALKS[1], WALKS[0], WALKS[2]],
+        };
+        let mut jobs: Vec<(String, Job)> = walks
+            .into_iter()
+            .map(|walk| (walk.name(), Job::Walk(walk)))
+            .collect();
+        if part == "open3d" {
+            jobs.push(("kitchen".to_owned(), Job::Kitchen));
+        }
+        jobs.retain(|(name, _)| name.starts_with(&self.walk));
+        jobs.truncate(if self.quick { 1 } else { usize::MAX });
+        jobs.into_iter().map(|(_, job)| job).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn rows_of_other_walks_remain() {
+        let mut report = Map::new();
+        let row = |walk: &str, value: u32| json!({ "walk": walk, "value": value });
+        let [first, second] = [0, 1].map(|k: usize| WALKS[k].name());
+        let stamp = json!({ "commit": "abc", "date": "2026-01-01" });
+        add_rows(&mut report, "walks", vec![row(&second, 1)], &stamp);
+        add_rows(
+            &mut report,
+            "walks",
+            vec![row(&first, 2), row(&first, 3)],
+            &stamp,
+        );
+        add_rows(&mut report, "walks", vec![row(&second, 4)], &stamp);
+        let rows = report["walks"]["rows"].as_array().unwrap();
+        let values: Vec<u64> = rows
             .iter()
-            .filter(|walk| walk.name().starts_with(&self.walk));
-        let count = if self.quick { 1 } else { all.len() };
-        named.copied().take(count).collect()
+            .filter_map(|row| row["value"].as_u64())
+            .collect();
+        assert_eq!(values, [2, 3, 4]);
+        assert_eq!(rows[0]["source"], "abc 2026-01-01");
     }
 }

@@ -11,8 +11,7 @@ const HEIGHT: u32 = 420;
 /// Names and texts of all charts that there are results for.
 pub(super) fn draw(report: &Map<String, Value>) -> Vec<(String, String)> {
     let mut files = Vec::new();
-    for (part, entry) in report {
-        let found = &entry["found"];
+    for (part, found) in report {
         let drawn = match part.as_str() {
             "walks" => vec![
                 ("heights", heights(found)),
@@ -24,10 +23,10 @@ pub(super) fn draw(report: &Map<String, Value>) -> Vec<(String, String)> {
                 ("voxels-time", voxel_times(found)),
                 ("voxels-memory", voxel_memory(found)),
             ],
-            "open3d" if found["rows"].is_array() => vec![("open3d", open3d(found))],
+            "open3d" => vec![("open3d", open3d(found))],
             _ => Vec::new(),
         };
-        let foot = stamp::source(&entry["stamp"]);
+        let foot = stamp::source(&found["stamp"]);
         for (name, chart) in drawn {
             let svg = chart.footnote(&foot).to_svg(WIDTH, HEIGHT);
             files.push((format!("terrain-{name}.svg"), svg));
@@ -66,7 +65,7 @@ fn short_name(row: &Value) -> String {
 }
 
 fn of_depth<'a>(found: &'a Value, depth: &str) -> Vec<&'a Value> {
-    rows(found)
+    rows(&found["rows"])
         .iter()
         .filter(|row| row["depth"] == depth)
         .collect()
@@ -96,6 +95,7 @@ fn heights(found: &Value) -> Chart {
         .subtitle("95th percentile; simulated walks with true poses; 672x376 but where 720p")
         .y_axis(Axis::linear("height error", "mm").include(0.0));
     let measures = [
+        ("distance field", "stereo", "scores.field_height"),
         ("mesh", "stereo", "scores.mesh_height"),
         ("maps", "stereo", "scores.map_height"),
         ("mesh, true depth", "true depth", "scores.mesh_height"),
@@ -166,7 +166,7 @@ fn over_voxels(found: &Value, chart: Chart, measures: &[(&str, &str)]) -> Chart 
     });
     lines
         .fold(chart, Chart::series)
-        .vline(100.0 * number(found, "chosen_m"), "chosen")
+        .vline(100.0 * number(&found["rows"][0], "chosen_m"), "chosen")
 }
 
 fn voxel_errors(found: &Value) -> Chart {
@@ -178,13 +178,13 @@ fn voxel_errors(found: &Value) -> Chart {
 }
 
 fn voxel_times(found: &Value) -> Chart {
-    let chart = Chart::new("Time of a keyframe against the size of voxels")
-        .subtitle("two threads, without decoding; fusion, and both passes")
-        .y_axis(Axis::log("time of a keyframe", "ms"));
+    let chart = Chart::new("Processor time of a keyframe against the size of voxels")
+        .subtitle("all threads, without decoding: fusion, and the second pass for the planes")
+        .y_axis(Axis::log("processor time of a keyframe", "ms"));
     over_voxels(
         found,
         chart,
-        &[("fusion", "fusion_ms"), ("planes", "refinement_ms")],
+        &[("fusion", "fusion_cpu_ms"), ("planes", "refinement_cpu_ms")],
     )
 }
 
@@ -204,33 +204,31 @@ fn open3d(found: &Value) -> Chart {
             names.push(name);
         }
     }
-    let version = found["open3d"].as_str().unwrap_or("?");
-    let chart = Chart::new("Mesh of the distance field: height error against time")
+    let version = found["rows"][0]["open3d"].as_str().unwrap_or("?");
+    let chart = Chart::new("Mesh of the distance field: height error against processor time")
         .subtitle(&format!(
             "the same depth maps of simulated walks, 2 cm voxels, two threads; Open3D {version}"
         ))
-        .x_axis(Axis::log("fusion of a keyframe", "ms"))
+        .x_axis(Axis::log(
+            "processor time of the fusion of a keyframe",
+            "ms",
+        ))
         .y_axis(Axis::linear("95th percentile within 0.6 m of footprints", "mm").include(0.0));
     let series = names.iter().map(|name| {
         let own: Vec<&Value> = all
             .iter()
-            .filter(|row| row["name"] == *name && row["frames"] != "kitchen")
+            .filter(|row| row["name"] == *name && row["walk"] != "kitchen")
             .collect();
         let labels: Vec<&str> = own
             .iter()
             .map(|row| {
-                row["frames"]
+                row["walk"]
                     .as_str()
                     .and_then(|f| f.split('-').next())
                     .unwrap_or("?")
             })
             .collect();
-        let at = |row: &&Value| {
-            (
-                number(row, "ms.median_ms"),
-                number(row, "near_height.p95_mm"),
-            )
-        };
+        let at = |row: &&Value| (number(row, "ms.cpu_ms"), number(row, "near_height.p95_mm"));
         Series::scatter(name, own.iter().map(at)).labels(labels)
     });
     series.fold(chart, Chart::series)

@@ -3,7 +3,7 @@
 Standard input has JSON: `folder`, `frames` (each with `width`, `height`, `focal`, `center`,
 `view_from_world` as 4x4 rows; depth of frame k lies in `k.bin`, f32, m, 0 for none), `voxel_m`,
 `truncation_voxels`, `max_depth_m`, `threads`, `repeats`. Standard output has JSON: the version and
-for each method the ms per keyframe of each repeat, and the files of its mesh.
+for each method the ms and ms of processor time per keyframe of each repeat, and the files of its mesh.
 """
 
 import json
@@ -26,6 +26,10 @@ def frames():
         yield frame, depth.reshape(frame["height"], frame["width"])
 
 
+def now():
+    return np.array([time.perf_counter(), time.process_time()])
+
+
 def matrix(frame):
     (fx, fy), (cx, cy) = frame["focal"], frame["center"]
     return np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1.0]])
@@ -42,20 +46,20 @@ def tensor():
         block_count=MAX_BLOCKS,
         device=device,
     )
-    seconds = 0.0
+    seconds = np.zeros(2)
     for frame, depth in frames():
         image = o3d.t.geometry.Image(o3d.core.Tensor(depth[:, :, None]))
         intrinsic = o3d.core.Tensor(matrix(frame))
         extrinsic = o3d.core.Tensor(np.array(frame["view_from_world"]).reshape(4, 4))
         far, margin = question["max_depth_m"], question["truncation_voxels"]
-        begin = time.perf_counter()
+        begin = now()
         if not np.any(depth > 0):
             continue
         blocks = grid.compute_unique_block_coordinates(
             image, intrinsic, extrinsic, 1.0, far, margin
         )
         grid.integrate(blocks, image, intrinsic, extrinsic, 1.0, far, margin)
-        seconds += time.perf_counter() - begin
+        seconds += now() - begin
     return seconds, lambda: grid.extract_triangle_mesh(weight_threshold=0.5).to_legacy()
 
 
@@ -67,7 +71,7 @@ def legacy():
         volume_unit_resolution=8,
         depth_sampling_stride=4,
     )
-    seconds = 0.0
+    seconds = np.zeros(2)
     for frame, depth in frames():
         height, width = depth.shape
         color = o3d.geometry.Image(np.zeros((height, width, 3), np.uint8))
@@ -81,9 +85,9 @@ def legacy():
         (fx, fy), (cx, cy) = frame["focal"], frame["center"]
         camera = o3d.camera.PinholeCameraIntrinsic(width, height, fx, fy, cx, cy)
         extrinsic = np.array(frame["view_from_world"]).reshape(4, 4)
-        begin = time.perf_counter()
+        begin = now()
         volume.integrate(rgbd, camera, extrinsic)
-        seconds += time.perf_counter() - begin
+        seconds += now() - begin
     return seconds, volume.extract_triangle_mesh
 
 
@@ -92,7 +96,7 @@ for name, method in (("VoxelBlockGrid", tensor), ("ScalableTSDFVolume", legacy))
     times = []
     for _ in range(question["repeats"]):
         seconds, extract = method()
-        times.append(1e3 * seconds / max(1, len(question["frames"])))
+        times.append(list(1e3 * seconds / max(1, len(question["frames"]))))
     mesh = extract()
     vertices = np.asarray(mesh.vertices, np.float32)
     triangles = np.asarray(mesh.triangles, np.uint32)

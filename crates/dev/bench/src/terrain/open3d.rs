@@ -34,13 +34,18 @@ pub(super) struct Fused {
 pub(super) struct Timing {
     pub(super) median_ms: f64,
     pub(super) least_ms: f64,
+    /// Processor time of all threads, median.
+    pub(super) cpu_ms: f64,
 }
 
 impl Timing {
-    fn of(ms: &[f64]) -> Self {
+    /// Of times and processor times.
+    fn of(ms: &[[f64; 2]]) -> Self {
+        let of = |k: usize| ms.iter().map(move |pair| pair[k]);
         Self {
-            median_ms: median(ms.iter().copied()),
-            least_ms: ms.iter().copied().fold(f64::INFINITY, f64::min),
+            median_ms: median(of(0)),
+            least_ms: of(0).fold(f64::INFINITY, f64::min),
+            cpu_ms: median(of(1)),
         }
     }
 }
@@ -61,21 +66,23 @@ pub(super) fn race(frames: &[DepthFrame], repeats: usize) -> Result<(Vec<Fused>,
     let folder = tempfile::tempdir().context("making a folder for depth maps")?;
     let question = question(frames, folder.path())?;
     let configs = [("ours", usual), ("ours, truncation of the peers", equal)];
-    let mut ours: Vec<(Vec<f64>, Option<Mesh>)> = vec![(Vec::new(), None); configs.len()];
-    let mut theirs: Vec<(String, Vec<f64>)> = Vec::new();
+    let mut ours: Vec<(Vec<[f64; 2]>, Option<Mesh>)> = vec![(Vec::new(), None); configs.len()];
+    let mut theirs: Vec<(String, Vec<[f64; 2]>)> = Vec::new();
     let mut answer = Value::Null;
     // Ours and theirs alternate, so that other load of the machine meets both.
     for _ in 0..repeats {
         for ((_, config), (times, mesh)) in configs.iter().zip(&mut ours) {
             let (volume, took) = timed(|| pool.install(|| fuse(frames, *config)));
-            times.push(1e3 * took.wall_s / frames.len().max(1) as f64);
+            let share = 1e3 / frames.len().max(1) as f64;
+            times.push([took.wall_s, took.cpu_s].map(|s| share * s));
             *mesh = Some(Mesh::of(&volume?, &terrain::MeshConfig::default()));
         }
         answer = python::ask_in(python::OPEN3D, SCRIPT, &question)?;
         let methods = answer["methods"].as_object().context("Open3D's methods")?;
         for (name, method) in methods {
             let times = method["ms"].as_array().context("Open3D's times")?;
-            let times = times.iter().filter_map(Value::as_f64);
+            let number = |pair: &Value, k: usize| pair[k].as_f64().unwrap_or(f64::NAN);
+            let times = times.iter().map(|pair| [0, 1].map(|k| number(pair, k)));
             match theirs.iter_mut().find(|(other, _)| other == name) {
                 Some((_, own)) => own.extend(times),
                 None => theirs.push((name.clone(), times.collect())),

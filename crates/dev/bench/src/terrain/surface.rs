@@ -27,10 +27,12 @@ pub(super) struct Surface {
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Costs {
     pub(super) keyframes: usize,
-    /// Fusion, ms per keyframe.
+    /// Fusion, ms per keyframe, and processor time of all threads.
     pub(super) fusion_ms: f64,
-    /// Second pass for the planes, ms per keyframe.
+    pub(super) fusion_cpu_ms: f64,
+    /// The same for the second pass, for the planes.
     pub(super) refinement_ms: f64,
+    pub(super) refinement_cpu_ms: f64,
     /// Mesh, planes, edges and maps after the last keyframe, s.
     pub(super) end_s: f64,
     pub(super) stats: VolumeStats,
@@ -61,7 +63,9 @@ pub(super) fn surface(frames: &[DepthFrame], fusion: FusionConfig) -> Result<Sur
     let costs = Costs {
         keyframes: frames.len(),
         fusion_ms: 1e3 * fused.wall_s / count,
+        fusion_cpu_ms: 1e3 * fused.cpu_s / count,
         refinement_ms: 1e3 * refined.wall_s / count,
+        refinement_cpu_ms: 1e3 * refined.cpu_s / count,
         end_s: meshed.wall_s + candidates.wall_s + ended.wall_s,
         stats,
     };

@@ -16,8 +16,11 @@ const VOXELS_M: [f64; 5] = [0.01, 0.015, 0.02, 0.03, 0.04];
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub(super) struct Row {
     pub(super) voxel_m: f64,
+    /// Times of a keyframe, and processor times of all threads.
     pub(super) fusion_ms: f64,
+    pub(super) fusion_cpu_ms: f64,
     pub(super) refinement_ms: f64,
+    pub(super) refinement_cpu_ms: f64,
     /// Mesh, planes, edges and maps after the last keyframe, s.
     pub(super) end_s: f64,
     pub(super) mbytes: f64,
@@ -48,7 +51,9 @@ pub(super) fn curve(frames: &[DepthFrame], truth: &Truth<'_>, quick: bool) -> Re
         Ok(Row {
             voxel_m: *voxel_m,
             fusion_ms: surface.costs.fusion_ms,
+            fusion_cpu_ms: surface.costs.fusion_cpu_ms,
             refinement_ms: surface.costs.refinement_ms,
+            refinement_cpu_ms: surface.costs.refinement_cpu_ms,
             end_s: surface.costs.end_s,
             mbytes: 1e-6 * surface.costs.stats.bytes as f64,
             sole_height: scores.mesh_height,
