@@ -73,7 +73,13 @@ fn of_depth<'a>(found: &'a Value, depth: &str) -> Vec<&'a Value> {
 
 /// A category per walk, and a series per measure.
 fn by_walk(found: &Value, chart: Chart, measures: &[(&str, &str, &str)]) -> Chart {
-    let stereo = of_depth(found, "stereo");
+    let mut stereo = of_depth(found, "stereo");
+    // Scenes without steps have no errors of edges.
+    stereo.retain(|row| {
+        measures
+            .iter()
+            .any(|(_, _, path)| number(row, &format!("{path}.count")) > 0.0)
+    });
     let names: Vec<String> = stereo.iter().map(|row| short_name(row)).collect();
     let chart = chart.x_axis(Axis::categories("", names.clone()));
     measures.iter().fold(chart, |chart, (name, depth, path)| {
@@ -110,14 +116,14 @@ fn edges(found: &Value) -> Chart {
         .y_axis(Axis::linear("error", "mm").include(0.0));
     let measures = [
         ("height of the riser", "stereo", "scores.edges.riser"),
-        ("place, going up", "stereo", "scores.edges.up"),
-        ("place, going down", "stereo", "scores.edges.down"),
+        ("position, going up", "stereo", "scores.edges.up"),
+        ("position, going down", "stereo", "scores.edges.down"),
     ];
     by_walk(found, chart, &measures)
         .hline(3.0, "riser at 720p")
         .hline(6.0, "riser at 672")
-        .hline(10.0, "place, up")
-        .hline(15.0, "place, down")
+        .hline(10.0, "position, up")
+        .hline(15.0, "position, down")
 }
 
 fn parts(found: &Value) -> Chart {

@@ -1,7 +1,7 @@
 //! Keyframes of a walk: rectified images, true depth, and stereo depth as the stage `depth` has it.
 //!
-//! Rendered images are kept in `bench-terrain` in the target folder. The first keyframe of a walk is
-//! rendered in every run; if it is not the stored one, the simulator has changed, and all are
+//! Rendered images are kept in `bench-terrain` in the target folder. The first keyframe of a walk
+//! is rendered in every run; if it is not the stored one, the simulator has changed, and all are
 //! rendered again.
 
 use std::fs;

@@ -14,7 +14,7 @@ use super::surface::fuse;
 use crate::meter::{median, timed};
 use crate::python;
 
-const SCRIPT: &str = "terrain/open3d.py";
+const SCRIPT: &str = "terrain/fuse_with_open3d.py";
 /// Threads of both sides.
 pub(super) const THREADS: usize = 2;
 /// Voxel, m, and truncation on both sides of a surface, voxels.

@@ -51,8 +51,8 @@ impl Quantiles {
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub(super) struct Scores {
     pub(super) footprints: usize,
-    /// Heights under soles: of the mesh before and after vertices are moved to planes and edges, and
-    /// of the cells of the maps that are not flagged as edges.
+    /// Heights under soles: of the mesh before and after vertices are moved to planes and edges,
+    /// and of the cells of the maps that are not flagged as edges.
     pub(super) field_height: Quantiles,
     pub(super) mesh_height: Quantiles,
     pub(super) map_height: Quantiles,

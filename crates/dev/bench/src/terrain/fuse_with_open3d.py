@@ -1,4 +1,4 @@
-"""Fuses depth maps with Open3D on the CPU: `VoxelBlockGrid` and `ScalableTSDFVolume`.
+"""Fuses depth maps with Open3D on the CPU, in a `VoxelBlockGrid`.
 
 Standard input has JSON: `folder`, `frames` (each with `width`, `height`, `focal`, `center`,
 `view_from_world` as 4x4 rows; depth of frame k lies in `k.bin`, f32, m, 0 for none), `voxel_m`,
@@ -63,36 +63,8 @@ def tensor():
     return seconds, lambda: grid.extract_triangle_mesh(weight_threshold=0.5).to_legacy()
 
 
-def legacy():
-    volume = o3d.pipelines.integration.ScalableTSDFVolume(
-        voxel_length=question["voxel_m"],
-        sdf_trunc=question["voxel_m"] * question["truncation_voxels"],
-        color_type=o3d.pipelines.integration.TSDFVolumeColorType.NoColor,
-        volume_unit_resolution=8,
-        depth_sampling_stride=4,
-    )
-    seconds = np.zeros(2)
-    for frame, depth in frames():
-        height, width = depth.shape
-        color = o3d.geometry.Image(np.zeros((height, width, 3), np.uint8))
-        rgbd = o3d.geometry.RGBDImage.create_from_color_and_depth(
-            color,
-            o3d.geometry.Image(depth),
-            depth_scale=1.0,
-            depth_trunc=question["max_depth_m"],
-            convert_rgb_to_intensity=False,
-        )
-        (fx, fy), (cx, cy) = frame["focal"], frame["center"]
-        camera = o3d.camera.PinholeCameraIntrinsic(width, height, fx, fy, cx, cy)
-        extrinsic = np.array(frame["view_from_world"]).reshape(4, 4)
-        begin = now()
-        volume.integrate(rgbd, camera, extrinsic)
-        seconds += now() - begin
-    return seconds, volume.extract_triangle_mesh
-
-
 answer = {"version": o3d.__version__, "methods": {}}
-for name, method in (("VoxelBlockGrid", tensor), ("ScalableTSDFVolume", legacy)):
+for name, method in (("VoxelBlockGrid", tensor),):
     times = []
     for _ in range(question["repeats"]):
         seconds, extract = method()
