@@ -9,9 +9,10 @@ use std::process::{Command, Stdio};
 use anyhow::{Context, Result, ensure};
 use serde_json::Value;
 
-/// Variables that name an interpreter: with OpenCV, GTSAM, and a foreign renderer.
+/// Variables that name an interpreter: with OpenCV, GTSAM, Open3D, and a foreign renderer.
 pub(crate) const OPENCV: &str = "PAWS_PYTHON";
 pub(crate) const GTSAM: &str = "PAWS_GTSAM_PYTHON";
+pub(crate) const OPEN3D: &str = "PAWS_OPEN3D_PYTHON";
 pub(crate) const RENDERER: &str = "PAWS_RENDERER_PYTHON";
 
 /// The interpreter with OpenCV.

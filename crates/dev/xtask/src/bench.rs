@@ -45,7 +45,8 @@ pub(crate) fn run(install: bool, names: &[&str], arguments: &[OsString]) -> Resu
         environments.push(&python::RENDERER);
         purposes.push(Purpose::Rendering);
     }
-    if !environments.is_empty() {
+    let with_open3d = names.contains(&"terrain");
+    if !environments.is_empty() || with_open3d {
         purposes.push(Purpose::Interoperability);
     }
     if names.contains(&"power_cuts") || names.contains(&"vm_cost") {
@@ -55,6 +56,13 @@ pub(crate) fn run(install: bool, names: &[&str], arguments: &[OsString]) -> Resu
     let mut interpreters = Vec::new();
     for environment in environments {
         interpreters.push((environment.variable, environment.interpreter()?));
+    }
+    if with_open3d {
+        // The other parts of the benchmark do without it.
+        match python::OPEN3D.interpreter() {
+            Ok(python) => interpreters.push((python::OPEN3D.variable, python)),
+            Err(reason) => eprintln!("no Open3D, its part is left out: {reason:#}"),
+        }
     }
     for name in names {
         let mut command = cargo()?;

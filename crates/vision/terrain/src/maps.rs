@@ -2,9 +2,10 @@
 //!
 //! Contract: stairs may turn over themselves and bridges cross ways, so a place may have several
 //! levels; each has one height per cell. What no view saw is unknown, not free. Only holes that are
-//! narrow and have a plane rim are filled, and flagged ([`FILLED`]). Ground samples, points that
-//! carried a foot for one, give heights where depth has none, and win where it contradicts them.
-//! Levels with samples come first, then larger ones before smaller ones.
+//! narrow and have a plane rim are filled, and flagged ([`FILLED`]). Heights with a large sigma are
+//! flagged ([`UNCERTAIN`]). Ground samples, points that carried a foot for one, give heights where
+//! depth has none, and win where it contradicts them. Levels with samples come first, then larger
+//! ones before smaller ones.
 
 use std::collections::BTreeMap;
 
@@ -19,7 +20,9 @@ mod level;
 mod measures;
 mod samples;
 
-pub use level::{CONTRADICTED, EDGE, FILLED, FREE, KNOWN, Level, OCCUPIED, SAMPLED, UNKNOWN};
+pub use level::{
+    CONTRADICTED, EDGE, FILLED, FREE, KNOWN, Level, OCCUPIED, SAMPLED, UNCERTAIN, UNKNOWN,
+};
 
 use floors::{Floor, Place};
 use samples::{Cell, Sample};
@@ -74,6 +77,7 @@ pub fn build(
                 *used = add_sample(&mut level, sample, config);
             }
             holes::fill(&mut level, config);
+            flag_uncertain(&mut level, config);
             measures::measure(&mut level, config);
             occupancy(&mut level, &columns, config);
             distance::measure(&mut level, edges, config);
@@ -187,6 +191,17 @@ fn add_sample(level: &mut Level, sample: &GroundSample, config: &MapConfig) -> b
     level.sigma[index] = combined as f32;
     (level.lower[index], level.upper[index]) = (height as f32, height as f32);
     true
+}
+
+/// Flags heights whose sigma is too large.
+fn flag_uncertain(level: &mut Level, config: &MapConfig) {
+    for index in 0..level.flags.len() {
+        // True for NaN.
+        let is_certain = f64::from(level.sigma[index]) <= config.max_certain_sigma_m;
+        if level.has_height(index) && !is_certain {
+            level.flags[index] |= UNCERTAIN;
+        }
+    }
 }
 
 /// Obstacles are surfaces between the height of a step and the head room above the ground of a cell

@@ -9,7 +9,8 @@ use scene::{GOING_M, HD720, Noise, RISE_M, Scene, Shot, Solid, climb, pose, shoo
 use terrain::MapConfig;
 use terrain::evaluate::ErrorQuantiles;
 use terrain::maps::{
-    CONTRADICTED, FILLED, FREE, GroundSample, KNOWN, Level, OCCUPIED, SAMPLED, UNKNOWN, build,
+    CONTRADICTED, FILLED, FREE, GroundSample, KNOWN, Level, OCCUPIED, SAMPLED, UNCERTAIN, UNKNOWN,
+    build,
 };
 
 fn mapped(shots: &[Shot], ground: &[GroundSample]) -> Vec<Level> {
@@ -141,6 +142,22 @@ fn small_holes_are_filled_and_flagged() {
         "holes at steps stay"
     );
     assert_eq!(level.occupancy[at(1.2, 0.5)], UNKNOWN);
+}
+
+#[test]
+fn heights_with_a_large_sigma_are_flagged() {
+    let mut mesh = carpet([90, 80], |_, _| Some(0.0));
+    // Vertices beyond 1 m are known to 15 mm, those before to 3 mm.
+    for (sigma, position) in mesh.sigma_m.iter_mut().zip(&mesh.positions) {
+        if position[0] > 1.0 {
+            *sigma = 0.015;
+        }
+    }
+    let levels = build(&mesh, &[], &[], &MapConfig::default());
+    let level = &levels[0];
+    let flags = |x, y| level.flags[level.index(x, y).unwrap()] & (KNOWN | UNCERTAIN);
+    assert_eq!(flags(0.5, 0.5), KNOWN);
+    assert_eq!(flags(1.3, 0.5), KNOWN | UNCERTAIN);
 }
 
 #[test]

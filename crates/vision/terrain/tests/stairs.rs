@@ -4,7 +4,9 @@ mod scene;
 
 use scene::score::{noise, p95, score, total, walk};
 use scene::surface::surface_of;
-use scene::{Camera, GOING_M, HD720, Noise, RISE_M, Scene, Solid, VGA, climb, shoot, stairs};
+use scene::{
+    Camera, GOING_M, HD720, Noise, RISE_M, Scene, Solid, VGA, climb, join_steps, shoot, stairs,
+};
 use terrain::PlaneConfig;
 use terrain::edges::{EdgeKind, snap};
 use terrain::mesh::Mesh;
@@ -72,6 +74,28 @@ fn errors_that_pixels_share_are_within_the_stated_sigmas() {
     };
     check_with("672 up, shared errors", VGA, true, of, [0.006, 0.010]);
     check_with("672 down, shared errors", VGA, false, of, [0.006, 0.015]);
+}
+
+#[test]
+fn errors_of_treads_are_within_the_stated_sigmas() {
+    let of = Noise {
+        tread_px: 0.08,
+        ..noise(0.2, 0)
+    };
+    check_with("672 up, errors of treads", VGA, true, of, [0.010, 0.010]);
+    check_with("672 down, errors of treads", VGA, false, of, [0.012, 0.015]);
+}
+
+/// Kerbs and stairs going down, as matchers show them: without ends of treads in single pixels.
+#[test]
+fn steps_that_a_matcher_joins_are_found_where_they_are() {
+    let mut shots = walk(VGA, 4, false, noise(0.2, 1));
+    shots.iter_mut().for_each(|shot| join_steps(shot, 4));
+    let score = score(&surface_of(&shots).2, 4);
+    let place = p95(&score.places);
+    println!("{score:?}");
+    assert!(score.found == 4 && score.invented == 0, "{score:?}");
+    assert!(place <= 0.010, "{score:?}");
 }
 
 #[test]

@@ -223,7 +223,7 @@ impl Walk {
 
 /// Inverse depth along the rectified axis for each pixel of the raw image, 1/m; NaN where the lens
 /// has no direction.
-fn inverse_depth(seen: &Truth, lens: &Lens, turn: &RigidTransform, width: usize) -> Vec<f32> {
+pub(crate) fn inverse_depth(seen: &Truth, lens: &Lens, turn: &RigidTransform, width: usize) -> Vec<f32> {
     let of = |(i, depth): (usize, &f32)| {
         let pixel = [(i % width) as f64, (i / width) as f64];
         let Some(ray) = lens.unproject(pixel) else {
@@ -240,7 +240,7 @@ fn inverse_depth(seen: &Truth, lens: &Lens, turn: &RigidTransform, width: usize)
 }
 
 /// Value between pixels.
-fn sample(of: &[f32], width: usize, x: f32, y: f32) -> f32 {
+pub(crate) fn sample(of: &[f32], width: usize, x: f32, y: f32) -> f32 {
     let height = of.len() / width;
     if !(x >= 0.0 && y >= 0.0 && x <= (width - 1) as f32 && y <= (height - 1) as f32) {
         return f32::NAN;

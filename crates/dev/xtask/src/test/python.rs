@@ -45,6 +45,13 @@ pub(crate) const GTSAM: Environment = Environment {
     list: "gtsam-requirements.txt",
     imports: "import gtsam",
 };
+/// Open3D.
+pub(crate) const OPEN3D: Environment = Environment {
+    variable: "PAWS_OPEN3D_PYTHON",
+    folder: "python-open3d",
+    list: "open3d-requirements.txt",
+    imports: "import open3d, numpy",
+};
 /// A foreign renderer.
 pub(crate) const RENDERER: Environment = Environment {
     variable: "PAWS_RENDERER_PYTHON",

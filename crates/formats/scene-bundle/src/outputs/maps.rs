@@ -7,7 +7,9 @@
 
 mod level;
 
-pub use level::{CONTRADICTED, EDGE, FILLED, FREE, KNOWN, MapLevel, OCCUPIED, SAMPLED, UNKNOWN};
+pub use level::{
+    CONTRADICTED, EDGE, FILLED, FREE, KNOWN, MapLevel, OCCUPIED, SAMPLED, UNCERTAIN, UNKNOWN,
+};
 
 use serde::{Deserialize, Serialize};
 

@@ -154,7 +154,8 @@ fn height_in_views(
         let pair = [upper, &of[1].sums[position]];
         let heights = [0, 1].map(|k| {
             let [s, t, _] = coordinates[k];
-            pair[k].height_at(config.correlated_samples, tilt, &of[k].height, [s, t])
+            let [samples, common] = [config.correlated_samples, config.common_ratio];
+            pair[k].height_at(samples, common, tilt, &of[k].height, [s, t])
         });
         let [Some((h0, v0)), Some((h1, v1))] = heights else {
             continue;

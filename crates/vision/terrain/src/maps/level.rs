@@ -10,6 +10,8 @@ pub const SAMPLED: u8 = 4;
 pub const CONTRADICTED: u8 = 8;
 /// The cell has two heights: an edge passes through it or beside it.
 pub const EDGE: u8 = 16;
+/// The sigma of the height is too large to step on it without looking.
+pub const UNCERTAIN: u8 = 32;
 
 /// Occupancy of a cell that is walkable and clear.
 pub const FREE: i8 = 0;
@@ -54,7 +56,8 @@ pub struct Level {
     pub occupancy: Vec<i8>,
     /// Views that saw the ground, at most 255.
     pub views: Vec<u8>,
-    /// Bits: [`KNOWN`], [`FILLED`], [`SAMPLED`], [`CONTRADICTED`], [`EDGE`].
+    /// Bits: [`KNOWN`], [`FILLED`], [`SAMPLED`], [`CONTRADICTED`], [`EDGE`],
+    /// [`UNCERTAIN`].
     pub flags: Vec<u8>,
 }
 

@@ -4,14 +4,23 @@ use nalgebra::Vector3;
 use rayon::prelude::*;
 
 use super::assignment::{Assigner, Assignment, Extent, NONE, STRIDE};
-use crate::view::{DepthView, Pose};
+use crate::view::{DepthView, PixelClass, Pose};
 
-/// Difference to a plane from which on a neighboring depth is farther, in its sigmas and m.
+/// Difference to a plane from which on a depth beside it is farther, in its sigmas and m.
 const FARTHER_SIGMAS: f64 = 5.0;
 const FARTHER_M: f64 = 0.03;
+/// Pixels from the last one of a plane within which something farther is searched. Matchers join
+/// both sides of a depth step by a ramp of some pixels, whatever the size of the image.
+const RAMP_PX: usize = 14;
+/// Pixels behind the first farther one that are still of the ramp.
+const RAMP_END_PX: usize = 3;
 
-/// Points in coordinates of planes: between the last pixel of a plane and a pixel beside it that is
-/// farther. The plane ends there; where the pixel beside is nearer, the plane may go on behind it.
+/// Points in coordinates of planes: where depths beside the last pixel of a plane are half as far
+/// behind it as what is there. The plane ends there; where depths beside are nearer, the plane may
+/// go on behind them.
+///
+/// *Why the half:* on simulated stairs ramps of the preset `balanced` are 3 to 12 pixels long, and
+/// their middle is within 2 pixels of the edge; where they begin is up to 8 pixels before it.
 pub(crate) fn ends(assigner: &Assigner<'_>, assignment: &Assignment) -> Vec<(u16, [f64; 2])> {
     let columns = assignment.columns;
     let rows = assignment.labels.len() / columns.max(1);
@@ -50,50 +59,116 @@ fn between(
         if labels[k] == labels[k + 1] {
             continue;
         }
-        let direction = step.map(|s| s as f64);
-        for (from, to, sign) in [(k, k + 1, 1.0), (k + 1, k, -1.0)] {
+        for (from, sign) in [(k, 1.0), (k + 1, -1.0)] {
             if labels[from] == NONE {
                 continue;
             }
-            let extent = &assigner.extents[usize::from(labels[from])];
-            let at = pixel(from).map(|v| v as f64);
-            let [u, v] = pixel(to);
-            let other = v * assigner.view.size[0] + u;
-            let end = end(
-                extent,
-                (assigner.view, &assigner.pose),
-                at,
-                direction.map(|d| sign * d),
-                other,
-            );
-            found.extend(end.map(|end| (labels[from], end)));
+            let end = End {
+                extent: &assigner.extents[usize::from(labels[from])],
+                view: assigner.view,
+                pose: &assigner.pose,
+                from: pixel(from).map(|v| v as f64),
+                direction: step.map(|s| sign * s as f64),
+            };
+            found.extend(end.position().map(|end| (labels[from], end)));
         }
     }
 }
 
-fn end(
-    extent: &Extent,
-    (view, pose): (&DepthView<'_>, &Pose),
-    [u, v]: [f64; 2],
-    [right, down]: [f64; 2],
-    other: usize,
-) -> Option<[f64; 2]> {
-    let (depth, sigma) = view.depth(other)?;
-    let depth_of_plane = |u: f64, v: f64| {
-        // Intersection of the ray with the plane, at the pose of the row.
-        let from = Vector3::from(view.position(pose, u, v, 0.0));
-        let to = Vector3::from(view.position(pose, u, v, 1.0));
-        let n = &extent.frame.normal;
-        let slope = n.dot(&(to - from));
-        // Rays from outside only, and not along the plane.
-        (slope < -0.05).then(|| n.dot(&(extent.frame.origin - from)) / slope)
-    };
-    let beyond = f64::from(depth) - depth_of_plane(u + right, v + down)?;
-    if beyond < FARTHER_M.max(FARTHER_SIGMAS * f64::from(sigma)) {
-        return None;
+/// A plane and its last pixel in a direction.
+struct End<'a> {
+    extent: &'a Extent,
+    view: &'a DepthView<'a>,
+    pose: &'a Pose,
+    from: [f64; 2],
+    direction: [f64; 2],
+}
+
+impl End<'_> {
+    /// Coordinates of the point where the plane ends.
+    fn position(&self) -> Option<[f64; 2]> {
+        // Depths behind the plane, by the number of pixels from its last one.
+        let mut ramp: Vec<(f64, f64)> = vec![(0.0, 0.0)];
+        let (mut farthest, mut last) = (0.0f64, RAMP_PX);
+        for n in 1..=RAMP_PX + RAMP_END_PX {
+            if n > last || self.class(n as f64) != PixelClass::Static {
+                break;
+            }
+            let Some((behind, sigma)) = self.behind(n as f64) else {
+                continue;
+            };
+            ramp.push((n as f64, behind));
+            let is_farther = behind >= FARTHER_M.max(FARTHER_SIGMAS * sigma);
+            if is_farther && farthest == 0.0 {
+                last = n + RAMP_END_PX;
+            }
+            if is_farther {
+                farthest = farthest.max(behind);
+            }
+        }
+        if farthest == 0.0 {
+            return None;
+        }
+        let half = 0.5 * farthest;
+        let crossing = ramp.windows(2).find(|pair| pair[1].1 >= half)?;
+        let [(n, a), (m, b)] = [crossing[0], crossing[1]];
+        let at = n + (m - n) * ((half - a) / (b - a)).clamp(0.0, 1.0);
+        // Beyond a pixel, depths between may be those of a riser that is seen: only rays that pass
+        // over the edge do not see what is below it.
+        if at > 1.0 && !self.passes_over(at) {
+            return None;
+        }
+        let x = self.on_plane(at)?;
+        let [s, t, _] = self.extent.frame.coordinates(&x);
+        Some([s, t])
     }
-    let (u, v) = (u + 0.5 * right, v + 0.5 * down);
-    let x = Vector3::from(view.position(pose, u, v, depth_of_plane(u, v)?));
-    let [s, t, _] = extent.frame.coordinates(&x);
-    Some([s, t])
+
+    fn pixel(&self, n: f64) -> [f64; 2] {
+        [0, 1].map(|k| self.from[k] + n * self.direction[k])
+    }
+
+    fn index(&self, n: f64) -> Option<usize> {
+        let [u, v] = self.pixel(n);
+        let size = self.view.size.map(|size| size as f64);
+        let inside = u >= 0.0 && v >= 0.0 && u < size[0] && v < size[1];
+        inside.then(|| v as usize * self.view.size[0] + u as usize)
+    }
+
+    fn class(&self, n: f64) -> PixelClass {
+        let index = self.index(n);
+        index.map_or(PixelClass::Excluded, |index| self.view.class(index))
+    }
+
+    /// Depth of the plane, at the pose of the row.
+    fn depth_of_plane(&self, [u, v]: [f64; 2]) -> Option<f64> {
+        let from = Vector3::from(self.view.position(self.pose, u, v, 0.0));
+        let to = Vector3::from(self.view.position(self.pose, u, v, 1.0));
+        let normal = &self.extent.frame.normal;
+        let slope = normal.dot(&(to - from));
+        // Rays from outside only, and not along the plane.
+        (slope < -0.05).then(|| normal.dot(&(self.extent.frame.origin - from)) / slope)
+    }
+
+    /// Depth of a pixel behind the plane, and its sigma.
+    fn behind(&self, n: f64) -> Option<(f64, f64)> {
+        let (depth, sigma) = self.view.depth(self.index(n)?)?;
+        let behind = f64::from(depth) - self.depth_of_plane(self.pixel(n))?;
+        Some((behind, f64::from(sigma)))
+    }
+
+    fn on_plane(&self, n: f64) -> Option<Vector3<f64>> {
+        let [u, v] = self.pixel(n);
+        let depth = self.depth_of_plane([u, v])?;
+        Some(self.view.position(self.pose, u, v, depth).into())
+    }
+
+    /// Whether the ray goes away from the plane's interior.
+    fn passes_over(&self, n: f64) -> bool {
+        let [Some(from), Some(to)] = [0.0, n].map(|n| self.on_plane(n)) else {
+            return false;
+        };
+        let [u, v] = self.pixel(n);
+        let eye = Vector3::from(self.view.position(self.pose, u, v, 0.0));
+        (to - eye).dot(&(to - from)) > 0.0
+    }
 }

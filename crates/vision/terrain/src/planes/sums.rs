@@ -69,7 +69,7 @@ impl ViewSums {
     ) -> (Matrix3<f64>, Vector3<f64>) {
         let (matrix, right) = self.normal_equations(correlated_samples);
         let count = f64::from(self.depths.max(1));
-        let common = common_ratio * self.sigma / count;
+        let common = common_ratio * self.mean_sigma_m();
         let offset = self.pose / count + common * common;
         let tilt = tilt_sigma * tilt_sigma;
         let common = Matrix3::from_diagonal(&Vector3::new(offset, tilt, tilt));
@@ -82,10 +82,12 @@ impl ViewSums {
     }
 
     /// Height of the view's own plane at coordinates and its variance, with the tilt of the plane
-    /// of all views as prior.
+    /// of all views as prior. Errors of the matcher that all depths of a plane in a view share
+    /// count, those of the view's pose do not.
     pub(crate) fn height_at(
         &self,
         correlated_samples: f64,
+        common_ratio: f64,
         tilt_sigma: f64,
         plane: &Vector3<f64>,
         [s, t]: [f64; 2],
@@ -98,7 +100,15 @@ impl ViewSums {
         }
         let covariance = matrix.try_inverse()?;
         let at = Vector3::new(1.0, s, t);
-        Some((at.dot(&(covariance * right)), at.dot(&(covariance * at))))
+        let common = common_ratio * self.mean_sigma_m();
+        Some((
+            at.dot(&(covariance * right)),
+            at.dot(&(covariance * at)) + common * common,
+        ))
+    }
+
+    fn mean_sigma_m(&self) -> f64 {
+        self.sigma / f64::from(self.depths.max(1))
     }
 
     /// Weighted squared heights above the best plane of the view, and their number.

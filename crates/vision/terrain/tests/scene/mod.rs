@@ -179,6 +179,9 @@ pub struct Noise {
     pub pose_rad: f64,
     /// Standard deviation of a disparity error that all pixels of a view share, px.
     pub common_px: f64,
+    /// Standard deviation of a disparity error that all pixels of a view between two heights of
+    /// treads share, px.
+    pub tread_px: f64,
     /// Side of the patches with one error, px; 3 if it is 0.
     pub patch_px: usize,
     pub seed: u64,
@@ -190,6 +193,7 @@ pub const CLEAN: Noise = Noise {
     pose_m: 0.0,
     pose_rad: 0.0,
     common_px: 0.0,
+    tread_px: 0.0,
     patch_px: 3,
     seed: 0,
 };
@@ -290,6 +294,9 @@ pub fn shoot(
             };
             let pixel = row * width + column;
             let patch = (row / patch_px * width + column / patch_px) as u64;
+            let height = origin[2] + depth * at_row.rotate([ray[0], ray[1], 1.0])[2];
+            let tread = (height / RISE_M).round() + 100.0;
+            let common = common + noise.tread_px * bell(noise.seed, 5, tread as u64);
             let disparity = focal_baseline / depth + common;
             let disparity = disparity + noise.disparity_px * bell(noise.seed, 1, patch);
             let noisy = focal_baseline / disparity;
@@ -338,6 +345,35 @@ pub fn climb(
             shoot(scene, camera, at, motion, noise)
         })
         .collect()
+}
+
+/// Disparities beside steps become means of a square of `2 * reach + 1` pixels, with sigmas four times
+/// as large: matchers join both sides of a depth step by a ramp.
+pub fn join_steps(shot: &mut Shot, reach: usize) {
+    let [width, height] = shot.camera.size;
+    let focal_baseline = (shot.camera.focal_px * shot.camera.baseline_m) as f32;
+    let disparity: Vec<f32> = shot.depth_m.iter().map(|z| focal_baseline / z).collect();
+    let before = shot.sigma_m.clone();
+    for row in reach..height - reach {
+        for column in reach..width - reach {
+            let rows = (row - reach..=row + reach).step_by(2);
+            let square = rows.flat_map(|v| {
+                let from = v * width + column;
+                disparity[from - reach..=from + reach].iter().step_by(2)
+            });
+            let (mut low, mut high, mut sum, mut count) = (f32::INFINITY, 0.0f32, 0.0, 0.0);
+            for d in square.filter(|d| d.is_finite()) {
+                (low, high) = (low.min(*d), high.max(*d));
+                (sum, count) = (sum + d, count + 1.0);
+            }
+            // A surface that is seen aslant has no step.
+            if high - low > 1.5 && count > 0.0 {
+                let pixel = row * width + column;
+                shot.depth_m[pixel] = focal_baseline * count / sum;
+                shot.sigma_m[pixel] = 4.0 * before[pixel];
+            }
+        }
+    }
 }
 
 /// Pixels beside much nearer ones become as near: matchers see edges too wide.

@@ -13,6 +13,8 @@ pub const SAMPLED: u8 = 4;
 pub const CONTRADICTED: u8 = 8;
 /// The cell has two heights: an edge passes through it or beside it.
 pub const EDGE: u8 = 16;
+/// The sigma of the height is more than a centimetre.
+pub const UNCERTAIN: u8 = 32;
 
 /// Occupancy of a cell that is walkable and clear.
 pub const FREE: i8 = 0;
@@ -59,7 +61,8 @@ pub struct MapLevel {
     pub occupancy: Vec<i8>,
     /// Views that saw the ground, at most 255.
     pub views: Vec<u8>,
-    /// Bits: [`KNOWN`], [`FILLED`], [`SAMPLED`], [`CONTRADICTED`], [`EDGE`].
+    /// Bits: [`KNOWN`], [`FILLED`], [`SAMPLED`], [`CONTRADICTED`], [`EDGE`],
+    /// [`UNCERTAIN`].
     pub flags: Vec<u8>,
 }
 
@@ -167,8 +170,8 @@ impl MapLevel {
             ));
         }
         let flags = self.flags[cell];
-        if flags & !(KNOWN | FILLED | SAMPLED | CONTRADICTED | EDGE) != 0 {
-            return Err((FLAGS, fault(cell, &flags, "bits of the format, up to 31")));
+        if flags & !(KNOWN | FILLED | SAMPLED | CONTRADICTED | EDGE | UNCERTAIN) != 0 {
+            return Err((FLAGS, fault(cell, &flags, "bits of the format, up to 63")));
         }
         if self.has_height(cell) == self.elevation[cell].is_nan() {
             let found = (flags, self.elevation[cell]);

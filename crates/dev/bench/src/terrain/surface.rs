@@ -1,0 +1,97 @@
+//! From depth to surface, planes, edges and maps, in the order and with the constants of the stages
+//! `terrain` and `maps`.
+
+use anyhow::Result;
+use terrain::edges::{Edge, find_edges, snap};
+use terrain::fusion::{Volume, VolumeStats};
+use terrain::maps::{GroundSample, Level, build};
+use terrain::mesh::Mesh;
+use terrain::planes::{PlaneRefiner, Planes};
+use terrain::{EdgeConfig, FusionConfig, MapConfig, MeshConfig, PlaneConfig};
+
+use super::keyframes::DepthFrame;
+use crate::meter::timed;
+
+/// The surface of a walk.
+pub(super) struct Surface {
+    /// The mesh before its vertices were moved to planes and edges.
+    pub(super) field: Mesh,
+    pub(super) mesh: Mesh,
+    pub(super) planes: Planes,
+    pub(super) edges: Vec<Edge>,
+    pub(super) levels: Vec<Level>,
+    pub(super) costs: Costs,
+}
+
+/// Time and memory.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Costs {
+    pub(super) keyframes: usize,
+    /// Fusion, ms per keyframe, and processor time of all threads.
+    pub(super) fusion_ms: f64,
+    pub(super) fusion_cpu_ms: f64,
+    /// The same for the second pass, for the planes.
+    pub(super) refinement_ms: f64,
+    pub(super) refinement_cpu_ms: f64,
+    /// Mesh, planes, edges and maps after the last keyframe, s.
+    pub(super) end_s: f64,
+    pub(super) stats: VolumeStats,
+}
+
+/// The surface of depth maps, with maps of depth alone.
+///
+/// # Errors
+/// An invalid view.
+pub(super) fn surface(frames: &[DepthFrame], fusion: FusionConfig) -> Result<Surface> {
+    let count = frames.len().max(1) as f64;
+    let (volume, fused) = timed(|| fuse(frames, fusion));
+    let volume = volume?;
+    let (mut mesh, meshed) = timed(|| Mesh::of(&volume, &MeshConfig::default()));
+    let (stats, field) = (volume.stats(), mesh.clone());
+    drop(volume);
+    let (refiner, candidates) = timed(|| PlaneRefiner::new(&mesh, &PlaneConfig::default()));
+    let mut refiner = refiner;
+    let (added, refined) = timed(|| frames.iter().try_for_each(|own| refiner.add(&own.view())));
+    added?;
+    let ((planes, edges, levels), ended) = timed(|| {
+        let planes = refiner.finish();
+        let edges = find_edges(&planes, &EdgeConfig::default());
+        snap(&mut mesh, &planes, &edges, fusion.voxel_m);
+        let levels = maps(&mesh, &edges, &[]);
+        (planes, edges, levels)
+    });
+    let costs = Costs {
+        keyframes: frames.len(),
+        fusion_ms: 1e3 * fused.wall_s / count,
+        fusion_cpu_ms: 1e3 * fused.cpu_s / count,
+        refinement_ms: 1e3 * refined.wall_s / count,
+        refinement_cpu_ms: 1e3 * refined.cpu_s / count,
+        end_s: meshed.wall_s + candidates.wall_s + ended.wall_s,
+        stats,
+    };
+    Ok(Surface {
+        field,
+        mesh,
+        planes,
+        edges,
+        levels,
+        costs,
+    })
+}
+
+/// The distance field alone.
+///
+/// # Errors
+/// An invalid view.
+pub(super) fn fuse(frames: &[DepthFrame], fusion: FusionConfig) -> Result<Volume> {
+    let mut volume = Volume::new(fusion)?;
+    for frame in frames {
+        volume.add(&frame.view())?;
+    }
+    Ok(volume)
+}
+
+/// Maps with ground samples.
+pub(super) fn maps(mesh: &Mesh, edges: &[Edge], samples: &[GroundSample]) -> Vec<Level> {
+    build(mesh, edges, samples, &MapConfig::default())
+}
