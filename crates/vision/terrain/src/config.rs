@@ -90,8 +90,8 @@ config! {
         pub correlated_samples: f64 = 9.0,
         /// One standard deviation of the rotation of a view relative to others, rad.
         pub view_tilt_sigma_rad: f64 = 0.002,
-        /// Share of the sigma of a plane's depths that all of them in a view have in common: errors of
-        /// the matcher are alike where the texture is. On treads of simulated stairs the median
+        /// Share of the sigma of a plane's depths that all of them in a view have in common: errors
+        /// of the matcher are alike where the texture is. On treads of simulated stairs the median
         /// error of a view is 0.3 (large treads nearby) to 0.6 (parts of treads farther away).
         pub common_ratio: f64 = 0.45,
         /// Maximum chi-square per depth of a plane. Above, the surface is not plane.
@@ -114,6 +114,8 @@ config! {
         pub max_support_gap_m: f64 = 0.04,
         /// Minimum length of an edge, m.
         pub min_length_m: f64 = 0.12,
+        /// Minimum length of an edge where depths end and no riser was seen, m.
+        pub min_end_length_m: f64 = 0.25,
         /// Maximum gap within an edge, m.
         pub max_gap_m: f64 = 0.10,
         /// Maximum distance from a line of the points of a plane's end, m.
@@ -126,8 +128,8 @@ config! {
         pub max_run_m: f64 = 0.35,
         /// Minimum cosine of the slope of ground that is stepped on: 45 degrees.
         pub min_ground_cos: f64 = 0.71,
-        /// Maximum vertical part of the normal of a riser that is upright: 20 degrees. Ramps by which
-        /// matchers join a tread and the ground behind its end lean by 25 degrees and more.
+        /// Maximum vertical part of the normal of a riser that is upright: 20 degrees. Ramps by
+        /// which matchers join a tread and the ground behind its end lean by 22 degrees and more.
         pub max_upright_cos: f64 = 0.34,
         /// Maximum distance across a leaning riser's edge of an end of the depths that contradicts
         /// it, m.

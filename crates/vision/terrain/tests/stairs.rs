@@ -73,7 +73,8 @@ fn errors_that_pixels_share_are_within_the_stated_sigmas() {
         ..noise(0.15, 0)
     };
     check_with("672 up, shared errors", VGA, true, of, [0.006, 0.010]);
-    check_with("672 down, shared errors", VGA, false, of, [0.006, 0.015]);
+    // Heights of steps allow for errors of single treads, so these do not cancel completely.
+    check_with("672 down, shared errors", VGA, false, of, [0.008, 0.015]);
 }
 
 #[test]

@@ -77,7 +77,7 @@ pub(super) fn plane_ends(
             }
             !is_on_line
         });
-        for [from, to] in runs.intervals(config.min_length_m, config.max_gap_m) {
+        for [from, to] in runs.intervals(config.min_end_length_m, config.max_gap_m) {
             if !is_border(plane, &line, [from, to]) {
                 continue;
             }

@@ -14,6 +14,10 @@ const FARTHER_M: f64 = 0.03;
 const RAMP_PX: usize = 14;
 /// Pixels behind the first farther one that are still of the ramp.
 const RAMP_END_PX: usize = 3;
+/// Pixels to both sides of the middle of a ramp over which its slope is measured, and the least
+/// slope against the plane: 63 degrees. Rough ground is less steep.
+const SLOPE_PX: f64 = 2.0;
+const MIN_RAMP_SLOPE: f64 = 2.0;
 
 /// Points in coordinates of planes: where depths beside the last pixel of a plane are half as far
 /// behind it as what is there. The plane ends there; where depths beside are nearer, the plane may
@@ -113,9 +117,8 @@ impl End<'_> {
         let crossing = ramp.windows(2).find(|pair| pair[1].1 >= half)?;
         let [(n, a), (m, b)] = [crossing[0], crossing[1]];
         let at = n + (m - n) * ((half - a) / (b - a)).clamp(0.0, 1.0);
-        // Beyond a pixel, depths between may be those of a riser that is seen: only rays that pass
-        // over the edge do not see what is below it.
-        if at > 1.0 && !self.passes_over(at) {
+        // Else depths may be those of a riser that is seen, or of rough ground.
+        if !self.is_ramp(at) {
             return None;
         }
         let x = self.on_plane(at)?;
@@ -127,15 +130,14 @@ impl End<'_> {
         [0, 1].map(|k| self.from[k] + n * self.direction[k])
     }
 
-    fn index(&self, n: f64) -> Option<usize> {
-        let [u, v] = self.pixel(n);
+    fn index(&self, [u, v]: [f64; 2]) -> Option<usize> {
         let size = self.view.size.map(|size| size as f64);
         let inside = u >= 0.0 && v >= 0.0 && u < size[0] && v < size[1];
         inside.then(|| v as usize * self.view.size[0] + u as usize)
     }
 
     fn class(&self, n: f64) -> PixelClass {
-        let index = self.index(n);
+        let index = self.index(self.pixel(n));
         index.map_or(PixelClass::Excluded, |index| self.view.class(index))
     }
 
@@ -151,24 +153,41 @@ impl End<'_> {
 
     /// Depth of a pixel behind the plane, and its sigma.
     fn behind(&self, n: f64) -> Option<(f64, f64)> {
-        let (depth, sigma) = self.view.depth(self.index(n)?)?;
-        let behind = f64::from(depth) - self.depth_of_plane(self.pixel(n))?;
+        self.behind_at(self.pixel(n))
+    }
+
+    fn behind_at(&self, pixel: [f64; 2]) -> Option<(f64, f64)> {
+        let (depth, sigma) = self.view.depth(self.index(pixel)?)?;
+        let behind = f64::from(depth) - self.depth_of_plane(pixel)?;
         Some((behind, f64::from(sigma)))
     }
 
     fn on_plane(&self, n: f64) -> Option<Vector3<f64>> {
-        let [u, v] = self.pixel(n);
+        self.on_plane_at(self.pixel(n))
+    }
+
+    fn on_plane_at(&self, [u, v]: [f64; 2]) -> Option<Vector3<f64>> {
         let depth = self.depth_of_plane([u, v])?;
         Some(self.view.position(self.pose, u, v, depth).into())
     }
 
-    /// Whether the ray goes away from the plane's interior.
-    fn passes_over(&self, n: f64) -> bool {
-        let [Some(from), Some(to)] = [0.0, n].map(|n| self.on_plane(n)) else {
+    /// Whether depths around a pixel fall too steeply for ground, away from the eye: only rays that
+    /// pass over an edge do not see the riser below it.
+    fn is_ramp(&self, n: f64) -> bool {
+        let [u, v] = self.pixel(n).map(f64::round);
+        let around = [[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]];
+        let behind = around.map(|[du, dv]| self.behind_at([u + SLOPE_PX * du, v + SLOPE_PX * dv]));
+        let [Some(right), Some(left), Some(below), Some(above)] = behind else {
             return false;
         };
-        let [u, v] = self.pixel(n);
+        let gradient = [right.0 - left.0, below.0 - above.0];
+        let fall = gradient[0].hypot(gradient[1]);
+        let [du, dv] = gradient.map(|g| SLOPE_PX * g / fall.max(1e-9));
+        let (from, to) = ([u - du, v - dv], [u + du, v + dv]);
+        let [Some(from), Some(to)] = [from, to].map(|pixel| self.on_plane_at(pixel)) else {
+            return false;
+        };
         let eye = Vector3::from(self.view.position(self.pose, u, v, 0.0));
-        (to - eye).dot(&(to - from)) > 0.0
+        fall >= MIN_RAMP_SLOPE * (to - from).norm() && (to - eye).dot(&(to - from)) > 0.0
     }
 }

@@ -347,8 +347,8 @@ pub fn climb(
         .collect()
 }
 
-/// Disparities beside steps become means of a square of `2 * reach + 1` pixels, with sigmas four times
-/// as large: matchers join both sides of a depth step by a ramp.
+/// Disparities beside steps become means of a square of `2 * reach + 1` pixels, with sigmas four
+/// times as large: matchers join both sides of a depth step by a ramp.
 pub fn join_steps(shot: &mut Shot, reach: usize) {
     let [width, height] = shot.camera.size;
     let focal_baseline = (shot.camera.focal_px * shot.camera.baseline_m) as f32;
@@ -366,7 +366,7 @@ pub fn join_steps(shot: &mut Shot, reach: usize) {
                 (low, high) = (low.min(*d), high.max(*d));
                 (sum, count) = (sum + d, count + 1.0);
             }
-            // A surface that is seen aslant has no step.
+            // A surface at a shallow angle has no step.
             if high - low > 1.5 && count > 0.0 {
                 let pixel = row * width + column;
                 shot.depth_m[pixel] = focal_baseline * count / sum;
