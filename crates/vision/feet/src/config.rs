@@ -63,8 +63,8 @@ config! {
         pub tilt_floor_rad: f64 = 0.009,
         /// Likewise of its direction relative to the course, rad.
         pub heading_floor_rad: f64 = 0.026,
-        /// Standard deviation of the error of the height that all contacts share, m: of stereo depth
-        /// and of the fit of a tag.
+        /// Standard deviation of the error of the height that all contacts share, m: of stereo
+        /// depth and of the fit of a tag.
         pub shared_height_m: f64 = 0.002,
         /// Likewise of the tilt, rad.
         pub shared_tilt_rad: f64 = 0.01,

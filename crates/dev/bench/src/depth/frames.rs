@@ -223,7 +223,12 @@ impl Walk {
 
 /// Inverse depth along the rectified axis for each pixel of the raw image, 1/m; NaN where the lens
 /// has no direction.
-pub(crate) fn inverse_depth(seen: &Truth, lens: &Lens, turn: &RigidTransform, width: usize) -> Vec<f32> {
+pub(crate) fn inverse_depth(
+    seen: &Truth,
+    lens: &Lens,
+    turn: &RigidTransform,
+    width: usize,
+) -> Vec<f32> {
     let of = |(i, depth): (usize, &f32)| {
         let pixel = [(i % width) as f64, (i / width) as f64];
         let Some(ray) = lens.unproject(pixel) else {

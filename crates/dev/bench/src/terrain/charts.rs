@@ -159,7 +159,7 @@ fn over_voxels(found: &Value, chart: Chart, measures: &[(&str, &str)]) -> Chart 
         let walk = row["walk"].as_str().unwrap_or("?");
         let mut words = walk.split('-');
         let scene = words.next().unwrap_or("?");
-        let size = words.last().unwrap_or("?");
+        let size = words.next_back().unwrap_or("?");
         measures.iter().map(move |(name, path)| {
             let points = rows(&row["curve"]).iter();
             let at = |own: &Value| (100.0 * number(own, "voxel_m"), number(own, path));

@@ -38,8 +38,8 @@ pub struct RigModel {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct RigShoe {
-    /// Which foot. Its frame has its origin in the middle of the sole, x to the toe, y to the left, z
-    /// up from the sole.
+    /// Which foot. Its frame has its origin in the middle of the sole, x to the toe, y to the left,
+    /// z up from the sole.
     pub foot: Foot,
     /// Outline of the sole in the frame of the foot, m, counter-clockwise seen from above; empty if
     /// unknown.
