@@ -11,7 +11,7 @@ use nalgebra::{UnitQuaternion, Vector3};
 use super::path::Path;
 use super::profile::{GaitProfile, StepVariation};
 use super::progress::Progress;
-use super::vigour;
+use super::{ROLL_DOWN_S, ROLL_OFF_S, vigour};
 use cad_transforms::so3;
 
 /// Left or right.
@@ -86,6 +86,9 @@ pub struct Footfall {
     pub delay: f64,
     /// Height of the jump before, m; 0 for a step.
     pub jump_m: f64,
+    /// From the strike until the whole sole is down, and from heel off until toe off, s, unless the
+    /// contact is too short for that.
+    pub rolls_s: [f64; 2],
 }
 
 impl Footfall {
@@ -107,6 +110,7 @@ impl Footfall {
             clearance_m: 0.0,
             delay: 0.0,
             jump_m: 0.0,
+            rolls_s: [ROLL_DOWN_S, ROLL_OFF_S],
         }
     }
 
