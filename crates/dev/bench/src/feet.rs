@@ -1,33 +1,222 @@
-//! `feet`: shoe tags, contacts and swings on simulated walks.
+//! `feet`: shoe tags, contacts and swings on simulated walks with two rigs.
 //!
-//! - [`tags`]: sightings of shoe tags against the truth.
+//! - [`walks`]: the walks, the rigs, and wearers with the gait of [`joint_gait`].
+//! - [`recording`]: what the feet camera shows, and the truth.
+//! - [`detections`]: sightings of shoe tags against the truth.
 //! - [`gait`]: contacts, their times, and hidden swings, from these sightings and true poses of the
 //!   rig.
 
-use anyhow::Result;
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context as _, Result, bail};
+use rig_sim::scene::Lighting;
+use serde::{Deserialize, Serialize};
 use serde_json::json;
 
-use crate::arguments::Arguments;
+use self::recording::Recording;
+use self::walks::{FeetRig, RIGS, TUNING, WALKS, Walk};
 use crate::odometry::results;
 use crate::stamp;
 
+mod charts;
+mod detections;
 mod gait;
-mod tags;
+mod joint_gait;
+mod recording;
+mod statistics;
+mod walks;
 
-/// Runs the benchmark: `[--quick] [--out DIR]`.
+/// Where recordings are kept.
+const RECORDINGS: &str = "target/feet";
+
+struct Options {
+    quick: bool,
+    reuse: bool,
+    recorded: bool,
+    tuning: bool,
+    only: Option<String>,
+    walk: Option<String>,
+    out: PathBuf,
+}
+
+impl Options {
+    fn parse(args: &[String]) -> Result<Self> {
+        let mut options = Self {
+            quick: false,
+            reuse: false,
+            recorded: false,
+            tuning: false,
+            only: None,
+            walk: None,
+            out: PathBuf::from("docs/benchmarks"),
+        };
+        let mut rest = args.iter();
+        while let Some(argument) = rest.next() {
+            match argument.as_str() {
+                "--quick" => options.quick = true,
+                "--reuse" => options.reuse = true,
+                "--recorded" => options.recorded = true,
+                "--tuning" => options.tuning = true,
+                "--only" => {
+                    let rigs = RIGS.map(|rig| rig.name).join(" or ");
+                    options.only =
+                        Some(rest.next().context(format!("--only needs {rigs}"))?.clone());
+                }
+                "--walk" => {
+                    options.walk = Some(rest.next().context("--walk needs a walk's name")?.clone());
+                }
+                "--out" => options.out = rest.next().context("--out needs a folder")?.into(),
+                other => bail!(
+                    "unknown argument {other:?}, expected --quick, --reuse, --recorded, --tuning, --only RIG, \
+                     --walk NAME or --out DIR"
+                ),
+            }
+        }
+        Ok(options)
+    }
+}
+
+/// Results of a walk with a rig, or of several walks.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+struct Row {
+    rig: String,
+    walk: String,
+    is_held_out: bool,
+    is_day: bool,
+    tags: Option<detections::Row>,
+    gait: gait::Row,
+}
+
+/// Runs the benchmark: `[--quick] [--reuse] [--recorded] [--tuning] [--only RIG]
+/// [--walk NAME] [--out DIR]`.
+///
+/// With `--reuse` recordings of earlier runs are not rendered again; with `--recorded` walks without
+/// one are left out. With `--tuning` it runs on the
+/// walks that the estimator is developed with, and writes nothing.
 ///
 /// # Errors
 /// Bad arguments, or an I/O error.
 pub(crate) fn run(args: &[String]) -> Result<()> {
-    let Arguments { quick, out } = Arguments::parse(args)?;
-    let tags = tags::run(quick)?;
+    let options = Options::parse(args)?;
+    let mut walks: Vec<Walk> = match (options.tuning, options.quick) {
+        (true, _) => TUNING.to_vec(),
+        (false, true) => vec![WALKS[0], WALKS[10]],
+        (false, false) => WALKS.to_vec(),
+    };
+    if let Some(name) = &options.walk {
+        walks.retain(|walk| walk.name == name);
+    }
+    let mut rows = Vec::new();
+    for rig in &RIGS {
+        if options.only.as_ref().is_none_or(|only| only == rig.name) {
+            let is_wanted = |walk: &&Walk| {
+                !options.recorded || Recording::path(Path::new(RECORDINGS), rig, walk).exists()
+            };
+            let walks: Vec<Walk> = walks.iter().filter(is_wanted).copied().collect();
+            rows.extend(of_rig(rig, &walks, options.reuse || options.recorded)?);
+        }
+    }
+    if options.tuning {
+        return Ok(());
+    }
+    let stamp = stamp::stamp("feet", args)?;
     let report = json!({
         "benchmark": "feet",
-        "stamp": stamp::stamp("feet", args)?,
-        "tags": tags,
+        "stamp": stamp,
+        "rows": rows,
     });
-    results::write(
-        &out,
-        vec![("feet.json".to_owned(), format!("{report:#}\n"))],
-    )
+    let mut files = charts::draw(&rows, &stamp::line(&report["stamp"]));
+    files.push(("feet.json".to_owned(), format!("{report:#}\n")));
+    results::write(&options.out, files)
+}
+
+/// A row for each walk, and rows of all walks in one kind of gait.
+fn of_rig(rig: &FeetRig, walks: &[Walk], reuse: bool) -> Result<Vec<Row>> {
+    let mut rows = Vec::new();
+    let mut sums = [gait::Errors::default(), gait::Errors::default()];
+    let mut counts = [gait::Row::default(), gait::Row::default()];
+    for walk in walks {
+        let recording = Recording::of(rig, walk, (Path::new(RECORDINGS), reuse))?;
+        let (gait, errors) = gait::row(&recording);
+        let kind = usize::from(walk.wearer.is_some());
+        sums[kind].extend(&errors);
+        let all = &mut counts[kind];
+        all.footfalls += gait.footfalls;
+        all.found += gait.found;
+        all.hidden += gait.hidden;
+        all.invented += gait.invented;
+        let row = Row {
+            rig: rig.name.to_owned(),
+            walk: walk.name.to_owned(),
+            is_held_out: walk.wearer.is_some(),
+            is_day: matches!(walk.light, Lighting::Day),
+            tags: Some(detections::row(&recording)?),
+            gait,
+        };
+        print(&row);
+        rows.push(row);
+    }
+    for (kind, name) in ["all, simulator's gait", "all, held back"]
+        .into_iter()
+        .enumerate()
+    {
+        if counts[kind].footfalls == 0 {
+            continue;
+        }
+        let row = Row {
+            rig: rig.name.to_owned(),
+            walk: name.to_owned(),
+            is_held_out: kind == 1,
+            is_day: false,
+            tags: None,
+            gait: sums[kind].complete(counts[kind].clone()),
+        };
+        print(&row);
+        rows.push(row);
+    }
+    Ok(rows)
+}
+
+fn print(row: &Row) {
+    let gait = &row.gait;
+    let tags = row.tags.as_ref().map_or(String::new(), |tags| {
+        format!(
+            "tags {}/{} ({}/{}) invented {} wrong {} {:.2} ms, ",
+            tags.found,
+            tags.visible,
+            tags.found_predicted,
+            tags.predicted,
+            tags.invented,
+            tags.wrong,
+            tags.median_ms,
+        )
+    });
+    println!(
+        "{:<11} {:<21} {tags}steps {}/{} hidden {} invented {}, contact p95 {:.1} RMS {:.1} mm NEES \
+         {:.2}, strike p95 {:.0} (seen {:.0} of {}) NEES {:.2}, toe off p95 {:.0} NEES {:.2}, bridged \
+         {} RMS {:.0} p95 {:.0} mm within {:.0} %, dropped {} RMS {:.0} within {:.0} %, lost {:.0} %",
+        row.rig,
+        row.walk,
+        gait.found,
+        gait.footfalls,
+        gait.hidden,
+        gait.invented,
+        gait.contact_mm[1],
+        gait.contact_mm[2],
+        gait.contact_nees,
+        gait.strike_ms[1],
+        gait.strike_seen_p95_ms,
+        gait.strikes_seen,
+        gait.strike_nees,
+        gait.toe_off_ms[1],
+        gait.toe_off_nees,
+        gait.bridged,
+        gait.bridged_mm[2],
+        gait.bridged_mm[1],
+        100.0 * gait.bridged_within,
+        gait.dropped,
+        gait.dropped_mm[2],
+        100.0 * gait.dropped_within,
+        100.0 * gait.lost,
+    );
 }

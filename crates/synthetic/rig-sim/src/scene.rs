@@ -203,10 +203,18 @@ pub struct Ground {
 impl Scene {
     /// Builds a scene for a wearer without tags on his shoes.
     pub fn new(kind: Kind, lighting: Lighting, seed: u64) -> Self {
-        Self::with_tags(kind, lighting, seed, &[], &WearerFaults::default())
+        let profile = GaitProfile::draw(seed);
+        Self::with_tags(
+            kind,
+            lighting,
+            seed,
+            &profile,
+            &[],
+            &WearerFaults::default(),
+        )
     }
 
-    /// Builds a scene for a wearer with these tags on his shoes, and faults of them.
+    /// Builds a scene for this wearer with these tags on his shoes, and faults of them.
     ///
     /// # Panics
     /// If the `id` of a tag is not below [`tag::COUNT`].
@@ -214,15 +222,16 @@ impl Scene {
         kind: Kind,
         lighting: Lighting,
         seed: u64,
+        profile: &GaitProfile,
         tags: &[ShoeTag],
         faults: &WearerFaults,
     ) -> Self {
-        Self::make(kind, lighting, seed, (tags, faults), &[])
+        Self::make(kind, lighting, seed, (profile, tags, faults), &[])
     }
 
     /// The calibration room with these boards, without people.
     pub fn with_boards(lighting: Lighting, seed: u64, boards: &[Board]) -> Self {
-        let bare = (&[][..], &WearerFaults::default());
+        let bare = (&GaitProfile::draw(seed), &[][..], &WearerFaults::default());
         let mut scene = Self::make(Kind::Targets, lighting, seed, bare, boards);
         scene.wearer.parts.clear();
         scene
@@ -232,13 +241,13 @@ impl Scene {
         kind: Kind,
         lighting: Lighting,
         seed: u64,
-        (tags, faults): (&[ShoeTag], &WearerFaults),
+        (profile, tags, faults): (&GaitProfile, &[ShoeTag], &WearerFaults),
         boards: &[Board],
     ) -> Self {
         let mut builder = Builder::new(seed);
         let made = kind.build(&mut builder);
         targets::stand(&mut builder, boards);
-        let wearer = Wearer::make(&mut builder, tags, &GaitProfile::draw(seed), faults);
+        let wearer = Wearer::make(&mut builder, tags, profile, faults);
         let clouds = builder.texture(&palette::CLOUDS);
         let light = made.lights.at(lighting);
         // Moving bodies have no shadows; indoors the sun rarely reaches them.

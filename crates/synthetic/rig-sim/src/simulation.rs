@@ -32,7 +32,8 @@ use crate::scene::{Kind, Lighting, Scene, Scenery};
 use crate::targets::board::{Board, Sheet};
 use crate::targets::observations::TargetObservations;
 use crate::targets::{self, Plan};
-use crate::walker::Walker;
+use crate::walker::gait_model::GaitModel;
+use crate::walker::{GaitProfile, Walker};
 
 mod frame_renderer;
 mod ground_truth;
@@ -271,6 +272,27 @@ impl Simulation {
         rig: &Rig,
         faults: &WearerFaults,
     ) -> Result<Self, SimulationError> {
+        Self::walk(settings, rig, faults, None)
+    }
+
+    /// The same walk of a wearer with another gait; target sessions have none.
+    ///
+    /// # Errors
+    /// [`SimulationError`].
+    pub fn with_gait(
+        settings: &Settings,
+        rig: &Rig,
+        gait: &dyn GaitModel,
+    ) -> Result<Self, SimulationError> {
+        Self::walk(settings, rig, &WearerFaults::default(), Some(gait))
+    }
+
+    fn walk(
+        settings: &Settings,
+        rig: &Rig,
+        faults: &WearerFaults,
+        gait: Option<&dyn GaitModel>,
+    ) -> Result<Self, SimulationError> {
         if settings.kind == Kind::Targets {
             let target = |number| Some(targets::april_grid(number));
             return Self::with_targets(settings, rig, &Plan::GOOD, &target);
@@ -287,8 +309,12 @@ impl Simulation {
             seconds,
             ..
         } = *settings;
-        let scene = Scene::with_tags(kind, lighting, seed, &tags, faults);
-        let walker = Walker::with_faults(&scene, seed, seconds, faults);
+        let profile = GaitProfile::of(seed, gait);
+        let scene = Scene::with_tags(kind, lighting, seed, &profile, &tags, faults);
+        let walker = match gait {
+            Some(gait) => Walker::with_gait(&scene, seed, seconds, gait),
+            None => Walker::with_faults(&scene, seed, seconds, faults),
+        };
         let nominal = nominal_cameras(&cameras, &imus);
         Ok(Self {
             settings: *settings,

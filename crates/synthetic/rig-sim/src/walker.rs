@@ -7,15 +7,19 @@
 
 mod foot_motion;
 pub mod gait;
+pub mod gait_model;
 pub mod path;
 pub mod profile;
 pub mod progress;
 mod side;
 
+use std::sync::Arc;
+
 use nalgebra::{UnitQuaternion, Vector3};
 
 use self::foot_motion::{Avoidance, avoid, standing, swinging};
 pub use self::gait::Footfall;
+use self::gait_model::{FootMotion, GaitModel};
 use self::path::Path;
 pub use self::profile::GaitProfile;
 use self::progress::{Jump, Progress};
@@ -35,9 +39,9 @@ const CHEST_AHEAD_M: f64 = 0.14;
 /// Position of a person who carries the rig in his hands, m.
 const CARRIER_X: f64 = -0.6;
 /// From the strike until the whole sole is down, s.
-const ROLL_DOWN_S: f64 = 0.08;
+pub(crate) const ROLL_DOWN_S: f64 = 0.08;
 /// From heel lift until toe-off, s.
-const ROLL_OFF_S: f64 = 0.2;
+pub(crate) const ROLL_OFF_S: f64 = 0.2;
 /// Duration of a slide of a foot, s.
 const SLIDE_S: f64 = 0.15;
 /// Depth of the crouch before and after a jump, m, and its duration, s.
@@ -53,6 +57,8 @@ pub struct Walker {
     falls: [Vec<Footfall>; 2],
     /// Of the swing after each footfall.
     avoidances: [Vec<Avoidance>; 2],
+    /// Of a gait model, from heel off of each footfall to foot flat of the next one.
+    motions: [Vec<Option<Arc<dyn FootMotion>>>; 2],
     faults: WearerFaults,
     seconds: f64,
 }
@@ -101,13 +107,32 @@ impl Walker {
 
     /// The same with faults. The chest follows jumps, but neither slides nor yielding ground.
     pub fn with_faults(scene: &Scene, seed: u64, seconds: f64, faults: &WearerFaults) -> Self {
-        let profile = GaitProfile::draw(seed);
+        Self::make(scene, seed, seconds, faults, None)
+    }
+
+    /// A walk in another gait.
+    pub fn with_gait(scene: &Scene, seed: u64, seconds: f64, gait: &dyn GaitModel) -> Self {
+        Self::make(scene, seed, seconds, &WearerFaults::default(), Some(gait))
+    }
+
+    fn make(
+        scene: &Scene,
+        seed: u64,
+        seconds: f64,
+        faults: &WearerFaults,
+        gait: Option<&dyn GaitModel>,
+    ) -> Self {
+        let profile = GaitProfile::of(seed, gait);
         let path = Path::closed(&scene.route.points);
         // Slightly longer than required, so that the end is not an edge.
         let progress = Progress::new(&scene.route.legs, seconds + 2.0, &faults.jumps());
         let ground = |x: f64, y: f64, below: f64| Some(scene.ground(x, y, below)?.height);
         let start_below = scene.route.start_below;
-        let all = gait::plan(&path, &progress, &ground, start_below, &profile);
+        let mut all = gait::plan(&path, &progress, &ground, start_below, &profile);
+        if let Some(gait) = gait {
+            all.iter_mut()
+                .for_each(|fall| fall.rolls_s = gait.rolls_s(fall));
+        }
         let spline = chest(&path, &progress, &all, &profile, seed);
         let of = |side| {
             let own = all.iter().copied().filter(|f| f.side == side);
@@ -119,11 +144,17 @@ impl Walker {
             let swings = falls[side].windows(2);
             swings.map(|of| avoid(&of[0], &of[1], &ground)).collect()
         });
+        let motions = [0, 1].map(|side| {
+            let swings = falls[side].windows(2);
+            let motion = |of: &[Footfall]| gait?.motion(&of[0], &of[1], &ground);
+            swings.map(motion).collect()
+        });
         Self {
             profile,
             spline,
             falls,
             avoidances,
+            motions,
             faults: faults.clone(),
             seconds,
         }
@@ -142,6 +173,7 @@ impl Walker {
             spline,
             falls: [Side::Left, Side::Right].map(|side| vec![standing(side)]),
             avoidances: [Vec::new(), Vec::new()],
+            motions: [Vec::new(), Vec::new()],
             faults: WearerFaults::default(),
             seconds,
         }
@@ -176,6 +208,9 @@ impl Walker {
     pub fn foot(&self, side: Side, time_s: f64) -> FootState {
         let falls = &self.falls[side as usize];
         let next = falls.partition_point(|f| f.strike_s <= time_s).max(1);
+        if let Some(state) = self.modelled(side, next - 1, time_s) {
+            return state;
+        }
         let fall = self.displaced(&falls[next - 1], time_s);
         if time_s <= fall.off_s {
             return standing(&fall, time_s);
@@ -185,6 +220,29 @@ impl Walker {
         };
         let t = (time_s - fall.off_s) / (to.strike_s - fall.off_s);
         swinging(&fall, to, &self.avoidances[side as usize][next - 1], t)
+    }
+
+    /// The motion of a gait model since or after a footfall; `None` while the foot is flat or moves
+    /// as the simulator's own do.
+    fn modelled(&self, side: Side, at: usize, time_s: f64) -> Option<FootState> {
+        let fall = &self.falls[side as usize][at];
+        let motions = &self.motions[side as usize];
+        let (flat_from, flat_to) = Self::flat_phase(fall);
+        let motion = match time_s {
+            t if t < flat_from => motions.get(at.checked_sub(1)?)?,
+            t if t > flat_to => motions.get(at)?,
+            _ => return None,
+        };
+        let (position, rotation) = motion.as_ref()?.pose(time_s);
+        Some(FootState {
+            position,
+            rotation,
+            phase: match time_s {
+                t if t < flat_from => Phase::Heel,
+                t if t <= fall.off_s => Phase::Toe,
+                _ => Phase::Swing,
+            },
+        })
     }
 
     /// A footfall where slides and yielding ground have moved it until a time.
@@ -202,12 +260,10 @@ impl Walker {
     }
 
     /// Time span in which a footfall's whole sole is down and at rest, s; empty in a quick run.
-    pub(crate) fn flat_phase(fall: &Footfall) -> (f64, f64) {
+    pub fn flat_phase(fall: &Footfall) -> (f64, f64) {
         let length = fall.off_s - fall.strike_s;
-        let (down, off) = (
-            ROLL_DOWN_S.min(0.25 * length),
-            ROLL_OFF_S.min(0.45 * length),
-        );
+        let [down, off] = fall.rolls_s;
+        let (down, off) = (down.min(0.25 * length), off.min(0.45 * length));
         (fall.strike_s + down, fall.off_s - off)
     }
 }

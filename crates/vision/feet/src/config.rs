@@ -46,10 +46,22 @@ config! {
         pub toe_m: f64 = 0.14,
         /// Standard deviation of the tilt of a sole, for the choice between the two poses of a tag
         /// that images hardly distinguish, rad.
-        pub level_sigma_rad: f64 = 0.2,
+        pub level_sigma_rad: f64 = 0.3,
         /// Excess of the cost of a second pose that is as improbable as one standard deviation of
         /// that tilt: neighboring pixels share their errors.
         pub excess_per_square: f64 = 10.0,
+        /// Errors of poses of tags relative to their stated sigmas: errors of lenses, blur and tone
+        /// are not in these.
+        pub sigma_factor: f64 = 1.8,
+        /// The same of tags that are visible by less than `whole_share`: a fit takes what covers a
+        /// part of a tag for a tilt.
+        pub covered_sigma_factor: f64 = 12.0,
+        /// See `covered_sigma_factor`.
+        pub whole_share: f64 = 0.95,
+        /// Angular rate of a foot, for the same choice, rad/s.
+        pub turn_rate: f64 = 2.5,
+        /// Maximum cost of a rotation from frame to frame: feet may turn fast where none shows them.
+        pub max_change_cost: f64 = 16.0,
     }
 
     /// Placement of the tags on shoes, from the ground below the feet at rest.
@@ -98,15 +110,14 @@ config! {
     }
 
     /// Feet between contacts. Axes are those of the step for the position (forward, left, up) and
-    /// those of the foot for the rotation.
+    /// those of the foot for the rotation: m, rad.
     pub struct SwingConfig {
-        /// Standard deviation of the acceleration relative to the usual motion, m/s² and rad/s².
-        pub acceleration: [f64; 6] = [12.0, 4.0, 8.0, 30.0, 80.0, 30.0],
-        /// Time over which it is correlated, s.
-        pub correlation_s: f64 = 0.06,
-        /// Root mean square jerk of the usual motion, by which errors of its times change the
-        /// acceleration, m/s³ and rad/s³.
-        pub jerk: [f64; 6] = [300.0, 20.0, 150.0, 100.0, 1000.0, 100.0],
+        /// Standard deviation of the usual swing of a wearer from that of people, in mid-step.
+        pub shared_sigma: [f64; 6] = [0.06, 0.02, 0.03, 0.06, 0.2, 0.08],
+        /// Of one swing from the usual one of its wearer.
+        pub own_sigma: [f64; 6] = [0.02, 0.012, 0.012, 0.04, 0.08, 0.04],
+        /// Time over which the latter is correlated, s.
+        pub correlation_s: f64 = 0.15,
         /// Maximum time from a contact to the next one of the same foot that is one step, s.
         pub max_swing_s: f64 = 1.5,
         /// Time to the next frame of the foot up to which its pose is observed, s.
@@ -143,18 +154,31 @@ config! {
         pub shared_sigma: [f64; 4] = [0.002, 0.003, 0.015, 0.005],
     }
 
-    /// Times of contacts.
+    /// Times of contacts. Numbers of motions are means, with standard deviations between people and
+    /// between the steps of one of them.
     pub struct EventConfig {
-        /// Speed of the heel at its strike and its deceleration before, with their sigmas, m/s and
-        /// m/s².
-        pub strike_speed: [f64; 2] = [0.4, 0.3],
+        /// Speed of the heel at its strike, m/s, and its deceleration before, m/s².
+        pub strike_speed: [f64; 3] = [0.4, 0.2, 0.2],
         /// See `strike_speed`.
-        pub strike_deceleration: [f64; 2] = [18.0, 9.0],
-        /// Time from heel strike to foot flat and its sigma, s.
-        pub loading_s: [f64; 2] = [0.07, 0.025],
+        pub strike_deceleration: [f64; 3] = [18.0, 7.0, 6.0],
+        /// Pitch of the foot at its strike, toe up, rad.
+        pub strike_pitch: [f64; 3] = [0.28, 0.1, 0.08],
+        /// Time from heel strike to foot flat, s.
+        pub loading_s: [f64; 3] = [0.075, 0.018, 0.012],
         /// Time before the strike in which the approach of a foot is used, s.
         pub max_approach_s: f64 = 0.2,
         /// Maximum speed of an approach, m/s.
         pub max_speed: f64 = 6.0,
+        /// Share of a stride by which a foot bears longer than that of people at the same speed.
+        pub bearing_share: [f64; 3] = [0.0, 0.02, 0.01],
+        /// Share of a stride after which the heel lifts.
+        pub heel_lift_share: [f64; 3] = [0.35, 0.05, 0.03],
+        /// Acceleration of the pitch as the heel lifts, and its standard deviation, rad/s².
+        pub heel_lift_acceleration: [f64; 2] = [30.0, 15.0],
+        /// Speed with which the toe leaves the ground, m/s, and its acceleration then, m/s², with
+        /// their standard deviations.
+        pub toe_speed: [f64; 2] = [0.5, 0.5],
+        /// See `toe_speed`.
+        pub toe_acceleration: [f64; 2] = [25.0, 12.0],
     }
 }

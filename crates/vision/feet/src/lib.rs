@@ -8,8 +8,8 @@
 //! the toe, y to the left, z up from the sole. Nothing here knows sessions, files or images other
 //! than gray ones.
 
-pub mod bridge;
 mod config;
+mod deviation;
 pub mod events;
 pub mod observation;
 mod poses;
@@ -17,6 +17,7 @@ mod prediction;
 pub mod shoe;
 pub mod stance;
 pub mod swing;
+pub mod swing_habit;
 pub mod tag_placement;
 pub mod tag_tracker;
 #[cfg(test)]

@@ -1,12 +1,14 @@
-//! The pose of a foot in the world, from one of its tags in a frame.
+//! The poses of a foot in the world, from one of its tags in each frame.
 //!
-//! Contract: of the two poses of a tag that images hardly distinguish, that one counts whose sole
-//! is more level. The covariance is that of the tag's pose; errors of the rig's pose are not in it.
+//! Contract: of the two poses of a tag that images hardly distinguish, those count that fit each
+//! other from frame to frame, and whose soles are more level. The covariance is that of the tag's
+//! pose; errors of the rig's pose are not in it.
 
-use cad_transforms::{Covariance, RigidTransform};
+use cad_transforms::{Covariance, CovarianceError, RigidTransform};
 use nalgebra::Vector3;
 
 use crate::config::FootConfig;
+use crate::poses::motion;
 use crate::stance::FootObservation;
 
 /// A tag in a frame.
@@ -16,73 +18,208 @@ pub struct TagPose {
     pub rig_from_tag: RigidTransform,
     /// Covariance of a small motion of the tag in its own axes.
     pub covariance: Covariance,
+    /// Share of the tag that is visible, in the eye in which most of it is.
+    pub visible_share: f64,
     /// A second pose that images hardly contradict more, and its cost above that of the first, in
     /// units of the variance of a pixel's noise.
     pub second: Option<(RigidTransform, f64)>,
 }
 
-/// The foot that a tag is on.
+/// A foot in a frame: its pose, and another one that images hardly contradict more.
+#[derive(Clone, Debug, PartialEq)]
+pub struct FootCandidates {
+    time_ns: i64,
+    /// Poses in the world, and the excess of their costs.
+    poses: Vec<(RigidTransform, f64)>,
+    covariance: Covariance,
+}
+
+/// The poses of the foot that a tag is on, at a time, ns.
+///
+/// Its covariance is that of the tag, widened by the errors that fits have beyond it, in particular
+/// where something covers a part of the tag.
+///
+/// # Errors
+/// A configuration with which it is no covariance.
+pub fn foot_candidates(
+    time_ns: i64,
+    world_from_rig: &RigidTransform,
+    tag: &TagPose,
+    foot_from_tag: &RigidTransform,
+    config: &FootConfig,
+) -> Result<FootCandidates, CovarianceError> {
+    let tag_from_foot = foot_from_tag.inverse();
+    let first = Some((tag.rig_from_tag, 0.0));
+    let poses = first.into_iter().chain(tag.second);
+    let in_world =
+        |(pose, excess): (RigidTransform, f64)| (*world_from_rig * pose * tag_from_foot, excess);
+    let factor = match tag.visible_share < config.whole_share {
+        true => config.covered_sigma_factor,
+        false => config.sigma_factor,
+    };
+    let wider = tag.covariance.moved(foot_from_tag).matrix() * (factor * factor);
+    let rows = std::array::from_fn(|i| std::array::from_fn(|j| wider[(i, j)]));
+    Ok(FootCandidates {
+        time_ns,
+        poses: poses.map(in_world).collect(),
+        covariance: Covariance::from_rows(rows)?,
+    })
+}
+
+/// The poses of a foot, at most one for each time, from candidates in order of time.
+///
+/// Of several tags at a time the surest counts. Of its poses that one counts with which the whole
+/// sequence is most probable (Viterbi).
 ///
 /// ```
 /// use cad_transforms::{Covariance, RigidTransform};
 /// use feet::FootConfig;
-/// use feet::observation::{TagPose, foot_observation};
+/// use feet::observation::{TagPose, foot_candidates, foot_observations};
 ///
 /// // Both poses of a tag below the rig: one is that of a level sole.
 /// let tilted = |angle| RigidTransform::from_rotation_vector([angle, 0.0, 0.0], [0.2, 0.1, -1.2]);
 /// let tag = TagPose {
 ///     rig_from_tag: tilted(0.4)?,
 ///     covariance: Covariance::from_sigmas([1e-3; 3], [0.02; 3])?,
+///     visible_share: 1.0,
 ///     second: Some((tilted(0.0)?, 3.0)),
 /// };
 /// let foot_from_tag = RigidTransform::from_translation_m([0.05, 0.0, 0.08])?;
 /// let rig = RigidTransform::from_translation_m([0.0, 0.0, 1.3])?;
-/// let foot = foot_observation(0, &rig, &tag, &foot_from_tag, &FootConfig::default());
-/// assert!((foot.world_from_foot.translation_m()[2] - 0.02).abs() < 1e-9);
+/// let config = FootConfig::default();
+/// let foot = foot_candidates(0, &rig, &tag, &foot_from_tag, &config)?;
+/// let foot = foot_observations([foot], &config);
+/// assert!((foot[0].world_from_foot.translation_m()[2] - 0.02).abs() < 1e-9);
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
-pub fn foot_observation(
-    time_ns: i64,
-    world_from_rig: &RigidTransform,
-    tag: &TagPose,
-    foot_from_tag: &RigidTransform,
+pub fn foot_observations(
+    candidates: impl IntoIterator<Item = FootCandidates>,
     config: &FootConfig,
-) -> FootObservation {
-    let tag_from_foot = foot_from_tag.inverse();
-    let world_from_foot = |pose: &RigidTransform| *world_from_rig * *pose * tag_from_foot;
-    let cost = |pose: &RigidTransform, excess: f64| {
-        let up = pose.rotation() * Vector3::z();
-        let tilt = libm::acos(up.z.clamp(-1.0, 1.0));
-        (tilt / config.level_sigma_rad).powi(2) + excess / config.excess_per_square
-    };
-    let first = world_from_foot(&tag.rig_from_tag);
-    let second = tag
-        .second
-        .map(|(pose, excess)| (world_from_foot(&pose), excess));
-    let pose = match second {
-        Some((second, excess)) if cost(&second, excess) < cost(&first, 0.0) => second,
-        _ => first,
-    };
-    FootObservation {
-        time_ns,
-        world_from_foot: pose,
-        covariance: tag.covariance.moved(foot_from_tag),
+) -> Vec<FootObservation> {
+    let frames = surest(candidates);
+    // The least cost with which a sequence ends in each pose, and the pose before it there.
+    let mut costs: Vec<Vec<(f64, usize)>> = Vec::with_capacity(frames.len());
+    for (k, frame) in frames.iter().enumerate() {
+        let cost = |pose: &(RigidTransform, f64)| {
+            let own = own_cost(pose, config);
+            let Some(before) = k.checked_sub(1).map(|before| &frames[before]) else {
+                return (own, 0);
+            };
+            let poses = before.poses.iter().zip(&costs[k - 1]).enumerate();
+            let through = poses.map(|(n, (earlier, (cost, _)))| {
+                let change = change_cost((before, &earlier.0), (frame, &pose.0), config);
+                (own + cost + change, n)
+            });
+            let least = through.min_by(|a, b| a.0.total_cmp(&b.0));
+            least.unwrap_or((own, 0))
+        };
+        let ends: Vec<(f64, usize)> = frame.poses.iter().map(cost).collect();
+        costs.push(ends);
     }
+    let last = costs.last().map(|last| last.iter().enumerate());
+    let mut next = last.and_then(|last| last.min_by(|a, b| a.1.0.total_cmp(&b.1.0)));
+    let mut found = Vec::with_capacity(frames.len());
+    for (k, frame) in frames.iter().enumerate().rev() {
+        let Some((chosen, (_, before))) = next else {
+            break;
+        };
+        found.push(FootObservation {
+            time_ns: frame.time_ns,
+            world_from_foot: frame.poses[chosen].0,
+            covariance: frame.covariance,
+        });
+        next = k.checked_sub(1).map(|k| (*before, &costs[k][*before]));
+    }
+    found.reverse();
+    found
 }
 
-/// At most one observation for each time, the surest.
-pub fn surest(observations: impl IntoIterator<Item = FootObservation>) -> Vec<FootObservation> {
-    let mut surest: Vec<FootObservation> = Vec::new();
-    for observation in observations {
-        let sigma = |own: &FootObservation| own.covariance.matrix().trace();
+/// How improbable a pose is by itself.
+fn own_cost((pose, excess): &(RigidTransform, f64), config: &FootConfig) -> f64 {
+    let up = pose.rotation() * Vector3::z();
+    let tilt = libm::acos(up.z.clamp(-1.0, 1.0));
+    (tilt / config.level_sigma_rad).powi(2) + excess / config.excess_per_square
+}
+
+/// How improbable the rotation from a frame to the next one is.
+fn change_cost(
+    (a, from): (&FootCandidates, &RigidTransform),
+    (b, to): (&FootCandidates, &RigidTransform),
+    config: &FootConfig,
+) -> f64 {
+    let seconds = 1e-9 * (b.time_ns - a.time_ns) as f64;
+    let turn = motion(from, to).fixed_rows::<3>(3).norm();
+    let sigma = |own: &FootCandidates| {
+        own.covariance.sigmas()[3..]
+            .iter()
+            .fold(0.0, |a: f64, b| a.max(*b))
+    };
+    let tilt = sigma(a).hypot(sigma(b));
+    let spread = tilt.hypot(config.turn_rate * seconds);
+    (turn / spread).powi(2).min(config.max_change_cost)
+}
+
+/// At most one for each time, the surest.
+fn surest(candidates: impl IntoIterator<Item = FootCandidates>) -> Vec<FootCandidates> {
+    let mut surest: Vec<FootCandidates> = Vec::new();
+    let sigma = |own: &FootCandidates| own.covariance.matrix().trace();
+    for own in candidates {
         match surest.last_mut() {
-            Some(last) if last.time_ns == observation.time_ns => {
-                if sigma(&observation) < sigma(last) {
-                    *last = observation;
+            Some(last) if last.time_ns == own.time_ns => {
+                if sigma(&own) < sigma(last) {
+                    *last = own;
                 }
             }
-            _ => surest.push(observation),
+            _ => surest.push(own),
         }
     }
     surest
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A foot with a pitch, seen by a tag whose other pose is tilted the other way; the wrong one
+    /// fits better in some frames.
+    fn frame(n: i64, pitch: f64, is_flipped: bool) -> FootCandidates {
+        let at = |pitch: f64| {
+            RigidTransform::from_rotation_vector([0.0, -pitch, 0.0], [0.0, 0.1, 0.0]).unwrap()
+        };
+        let (truth, wrong) = (at(pitch), at(0.2 - pitch));
+        let poses = match is_flipped {
+            true => [(wrong, 0.0), (truth, 4.0)],
+            false => [(truth, 0.0), (wrong, 20.0)],
+        };
+        FootCandidates {
+            time_ns: n * 33_333_333,
+            poses: poses.to_vec(),
+            covariance: Covariance::from_sigmas([2e-3; 3], [0.02; 3]).unwrap(),
+        }
+    }
+
+    #[test]
+    fn poses_that_fit_each_other_count_also_where_the_other_ones_are_more_level() {
+        let frames = (0..12).map(|n| frame(n, 0.25, n % 3 == 1));
+        let found = foot_observations(frames, &FootConfig::default());
+        assert_eq!(found.len(), 12);
+        for (n, own) in found.iter().enumerate() {
+            let [_, turn, _] = own.world_from_foot.rotation_vector();
+            assert!((turn + 0.25).abs() < 1e-6, "{n}: {turn}");
+        }
+    }
+
+    #[test]
+    fn of_two_tags_the_surer_one_counts() {
+        let mut unsure = frame(3, 0.1, false);
+        unsure.covariance = Covariance::from_sigmas([9e-3; 3], [0.1; 3]).unwrap();
+        for both in [
+            [unsure.clone(), frame(3, 0.0, false)],
+            [frame(3, 0.0, false), unsure],
+        ] {
+            let found = foot_observations(both, &FootConfig::default());
+            assert_eq!(found.len(), 1);
+            assert!(found[0].world_from_foot.rotation_vector()[1].abs() < 1e-9);
+        }
+    }
 }

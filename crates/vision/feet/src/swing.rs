@@ -3,7 +3,7 @@
 //! Contract: the motion begins and ends at rest in the poses of the contacts, rolls over the toe
 //! until it leaves the ground, and over the heel after its strike. It is a function of both
 //! contacts and the dimensions of the sole alone: nothing in it is learned from a wearer.
-//! Deviations from it are estimated by [`bridge`](crate::bridge).
+//! Deviations from it are learned, see [`swing_habit`](crate::swing_habit).
 //!
 //! Sources of the shape, approximated by hand from published mean curves of healthy adults at their
 //! own speed: height of the toe with 2 cm at mid-swing, Winter, "Foot trajectory in human gait",

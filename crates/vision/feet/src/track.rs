@@ -9,12 +9,13 @@ use std::ops::Range;
 use cad_transforms::{Covariance, RigidTransform};
 use nalgebra::{Matrix3, Matrix6, UnitQuaternion, Vector3};
 
-use crate::bridge::{Measurement, Process, bridge};
 use crate::config::SwingConfig;
 use crate::events::Contact;
-use crate::poses::{motion, pose};
+use crate::poses::pose;
+use crate::shoe::Side;
 use crate::stance::FootObservation;
-use crate::swing::{SoleEdges, UsualMotion};
+use crate::swing::SoleEdges;
+use crate::swing_habit::{Swing, SwingHabit};
 
 /// How the pose of a foot is known.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -46,6 +47,8 @@ pub struct FootPose {
 /// What is known of one foot.
 #[derive(Clone, Copy, Debug)]
 pub struct FootContacts<'a> {
+    /// Which foot.
+    pub side: Side,
     /// Its poses in frames, in order of time.
     pub observations: &'a [FootObservation],
     /// Its contacts, in order of time.
@@ -54,9 +57,10 @@ pub struct FootContacts<'a> {
     pub sole: SoleEdges,
 }
 
-/// Poses of a foot at ordered times.
+/// Poses of a foot at ordered times, of a wearer who usually swings as `habit` says.
 pub fn foot_poses(
     foot: &FootContacts<'_>,
+    habit: &SwingHabit,
     times_ns: &[i64],
     config: &SwingConfig,
 ) -> Vec<FootPose> {
@@ -88,28 +92,45 @@ pub fn foot_poses(
         let Some(after) = foot.contacts.get(k + 1) else {
             continue;
         };
-        if rest_s(after)[0] - rest_s(contact)[1] > config.max_swing_s {
+        let Some(swing) = Swing::new(foot, [contact, after], habit, config) else {
             continue;
-        }
+        };
         let between = until(rest_s(after)[0], next);
         next = between.end;
-        poses.extend(swing_poses(
-            foot,
-            [contact, after],
-            &times_ns[between],
-            config,
-        ));
+        let between = &times_ns[between];
+        let times_s: Vec<f64> = between.iter().map(|ns| seconds(*ns)).collect();
+        match swing.deviations(habit, &times_s) {
+            Some(deviations) => poses.extend(between.iter().zip(deviations).map(|(ns, own)| {
+                let status = match is_observed(foot.observations, *ns, config) {
+                    true => FootStatus::Observed,
+                    false => FootStatus::Bridged,
+                };
+                swing_pose(*ns, &swing, [contact, after], &own, status).unwrap_or(FootPose {
+                    time_ns: *ns,
+                    world_from_foot: last,
+                    covariance: None,
+                    status: FootStatus::Lost,
+                })
+            })),
+            None => lost_poses(&mut poses, between, 0..between.len(), &last),
+        }
     }
     lost_poses(&mut poses, times_ns, next..times_ns.len(), &last);
     poses
 }
 
-/// From when to when a foot is at rest, s.
-fn rest_s(contact: &Contact) -> [f64; 2] {
-    let seen = contact.stance.times_ns.map(seconds);
+/// From when to when a foot is surely at rest, s: where the events are uncertain, while frames show
+/// it.
+pub(crate) fn rest_s(contact: &Contact) -> [f64; 2] {
+    let [first_s, last_s] = contact.stance.times_ns.map(seconds);
+    let (flat, lift) = (contact.foot_flat, contact.heel_off);
     [
-        contact.foot_flat.time_s.min(seen[0]),
-        contact.heel_off.time_s.max(seen[1]),
+        first_s
+            .min(flat.time_s + 2.0 * flat.sigma_s)
+            .max(flat.time_s),
+        last_s
+            .max(lift.time_s - 2.0 * lift.sigma_s)
+            .min(lift.time_s),
     ]
 }
 
@@ -138,113 +159,42 @@ fn lost_poses(
     }));
 }
 
-/// Poses between two contacts.
-fn swing_poses(
-    foot: &FootContacts<'_>,
+/// Pose between two contacts, with its deviation from the usual motion: mean and variance along
+/// each axis.
+fn swing_pose(
+    time_ns: i64,
+    swing: &Swing<'_>,
     [from, to]: [&Contact; 2],
-    times_ns: &[i64],
-    config: &SwingConfig,
-) -> Vec<FootPose> {
-    let usual = UsualMotion::new(from, to, foot.sole);
-    let (from_s, to_s) = (rest_s(from)[1], rest_s(to)[0]);
-    let seen = foot.observations.iter();
-    let seen: Vec<&FootObservation> = seen
-        .filter(|own| (from_s..to_s).contains(&seconds(own.time_ns)))
-        .collect();
-    let deviations: Vec<Deviation> = seen.iter().map(|own| deviation(own, &usual)).collect();
-    let times_s: Vec<f64> = times_ns.iter().map(|ns| seconds(*ns)).collect();
-    // A step that is late is elsewhere: where events are uncertain, all of it is.
-    let late_s = from.toe_off.sigma_s.hypot(to.heel_strike.sigma_s);
-    let by_axis = [0, 1, 2, 3, 4, 5].map(|axis| {
-        let measurements = seen
-            .iter()
-            .zip(&deviations)
-            .map(|(own, deviation)| Measurement {
-                time_s: seconds(own.time_ns),
-                value: deviation.value[axis],
-                variance: deviation.variance[axis],
-            });
-        let measurements: Vec<Measurement> = measurements.collect();
-        let by_time = config.jerk[axis] * late_s;
-        let process = Process {
-            acceleration: config.acceleration[axis].hypot(by_time),
-            correlation_s: config.correlation_s,
-        };
-        bridge([from_s, to_s], 1e-8, &measurements, process, &times_s)
-    });
-    let of_time = |(n, &time_ns): (usize, &i64)| {
-        let mean = usual.at(times_s[n]);
-        let value = by_axis.each_ref().map(|axis| axis[n][0]);
-        let variance = by_axis.each_ref().map(|axis| axis[n][1]);
-        let [x, y, z, a, b, c] = value;
-        let at = mean.translation() + usual.axes() * Vector3::new(x, y, z);
-        let rotation = mean.rotation() * UnitQuaternion::from_scaled_axis(Vector3::new(a, b, c));
-        let world_from_foot = pose(&rotation, &at)?;
-        let share = (times_s[n] - from_s) / (to_s - from_s).max(1e-3);
-        let ends =
-            from.stance.covariance.matrix() * (1.0 - share) + to.stance.covariance.matrix() * share;
-        // The deviations are along the axes of the step, the covariance along those of the foot.
-        let foot_from_step = (rotation.inverse() * usual.axes()).to_rotation_matrix();
-        let positions =
-            Matrix3::from_diagonal(&Vector3::new(variance[0], variance[1], variance[2]));
-        let positions = foot_from_step * positions * foot_from_step.transpose();
-        let mut covariance: Matrix6<f64> = ends;
-        for i in 0..3 {
-            for j in 0..3 {
-                covariance[(i, j)] += positions[(i, j)];
-            }
-            covariance[(i + 3, i + 3)] += variance[i + 3];
+    deviation: &[[f64; 2]; 6],
+    status: FootStatus,
+) -> Option<FootPose> {
+    let time_s = seconds(time_ns);
+    let mean = swing.usual.at(time_s);
+    let axes = swing.usual.axes();
+    let [x, y, z, a, b, c] = deviation.map(|[value, _]| value);
+    let variance = deviation.map(|[_, variance]| variance);
+    let at = mean.translation() + axes * Vector3::new(x, y, z);
+    let rotation = mean.rotation() * UnitQuaternion::from_scaled_axis(Vector3::new(a, b, c));
+    let [from_s, to_s] = [rest_s(from)[1], rest_s(to)[0]];
+    let share = ((time_s - from_s) / (to_s - from_s).max(1e-3)).clamp(0.0, 1.0);
+    let [begin, end] = [from, to].map(|contact| contact.stance.covariance.matrix());
+    let mut covariance: Matrix6<f64> = begin * (1.0 - share) + end * share;
+    // The deviations are along the axes of the step, the covariance along those of the foot.
+    let foot_from_step = (rotation.inverse() * axes).to_rotation_matrix();
+    let positions = Matrix3::from_diagonal(&Vector3::new(variance[0], variance[1], variance[2]));
+    let positions = foot_from_step * positions * foot_from_step.transpose();
+    for i in 0..3 {
+        for j in 0..3 {
+            covariance[(i, j)] += positions[(i, j)];
         }
-        Some(FootPose {
-            time_ns,
-            world_from_foot,
-            covariance: Some(crate::poses::covariance(&covariance)?),
-            status: match is_observed(foot.observations, time_ns, config) {
-                true => FootStatus::Observed,
-                false => FootStatus::Bridged,
-            },
-        })
-    };
-    let lost = |time_ns: i64| FootPose {
-        time_ns,
-        world_from_foot: from.stance.world_from_foot,
-        covariance: None,
-        status: FootStatus::Lost,
-    };
-    let times = times_ns.iter().enumerate();
-    times
-        .map(|(n, ns)| of_time((n, ns)).unwrap_or_else(|| lost(*ns)))
-        .collect()
-}
-
-/// Deviation of a frame from the usual motion: position along the axes of the step, rotation along
-/// those of the foot; and its variances.
-struct Deviation {
-    value: [f64; 6],
-    variance: [f64; 6],
-}
-
-fn deviation(observation: &FootObservation, usual: &UsualMotion<'_>) -> Deviation {
-    let mean = usual.at(seconds(observation.time_ns));
-    let seen = &observation.world_from_foot;
-    let shift = usual.axes().inverse() * (seen.translation() - mean.translation());
-    let turn = motion(&mean, seen);
-    let covariance = observation.covariance.matrix();
-    let step_from_foot = (usual.axes().inverse() * seen.rotation()).to_rotation_matrix();
-    let positions: Matrix3<f64> = covariance.fixed_view::<3, 3>(0, 0).into_owned();
-    let positions = step_from_foot * positions * step_from_foot.transpose();
-    let of_rotation = |k: usize| covariance[(k + 3, k + 3)];
-    Deviation {
-        value: [shift.x, shift.y, shift.z, turn[3], turn[4], turn[5]],
-        variance: [
-            positions[(0, 0)],
-            positions[(1, 1)],
-            positions[(2, 2)],
-            of_rotation(0),
-            of_rotation(1),
-            of_rotation(2),
-        ],
+        covariance[(i + 3, i + 3)] += variance[i + 3];
     }
+    Some(FootPose {
+        time_ns,
+        world_from_foot: pose(&rotation, &at)?,
+        covariance: Some(crate::poses::covariance(&covariance)?),
+        status,
+    })
 }
 
 #[cfg(test)]

@@ -37,7 +37,9 @@ impl Template {
         let motion = blur
             .motion
             .map(|v| v.clamp(-MAX_MOTION_CELLS, MAX_MOTION_CELLS) * per_cell);
-        let around = motion.map(|v| (0.5 * v.abs()).ceil() as usize + 1);
+        // Samples are in the middle of their parts of the motion, of which the last one ends beyond.
+        let step = (MOTION_STEP_CELLS * per_cell).floor().max(1.0);
+        let around = motion.map(|v| (0.5 * (v.abs() + step)).ceil() as usize + 1);
         let side = tag.cells() * per_cell as usize + 1;
         let sharp = Grid::new(tag, blur, per_cell as usize, around);
         let is_moving = motion.iter().any(|v| v.abs() > 0.1);
@@ -47,7 +49,7 @@ impl Template {
             half_cells: tag.half_cells(),
             side,
             texels: match is_moving {
-                true => sharp.along(motion, MOTION_STEP_CELLS * per_cell, side),
+                true => sharp.along(motion, step, side),
                 false => sharp.middle(side),
             },
         }
@@ -163,12 +165,11 @@ impl Grid {
             .collect()
     }
 
-    /// The mean along a motion, entries, over the tag. Samples lie on whole entries of the axis
-    /// along which it is longer.
-    fn along(&self, motion: [f64; 2], step: f64, side: usize) -> Vec<Texel> {
+    /// The mean along a motion, entries, over the tag. Samples are `stride` entries apart along the
+    /// axis along which it is longer.
+    fn along(&self, motion: [f64; 2], stride: f64, side: usize) -> Vec<Texel> {
         let long = usize::from(motion[1].abs() > motion[0].abs());
         let half = 0.5 * motion[long].abs();
-        let stride = step.floor().max(1.0);
         let count = ((half / stride) + 0.5).floor() as isize;
         let slope = motion[1 - long] / motion[long];
         let mut mean = vec![[0.0; 4]; side * side];
@@ -227,6 +228,29 @@ mod tests {
             }
         }
         sum
+    }
+
+    /// Each motion ends at another place between two samples.
+    #[test]
+    fn motions_of_any_length_are_within_the_grid() {
+        let tag = Tag::new(Dictionary::AprilTag36h11, 3, 0.08).expect("a tag");
+        for n in 0..160 {
+            let long = 0.05 * f64::from(n) - 4.0;
+            for motion in [[long, 0.3 * long], [-0.9 * long, long], [0.0, long]] {
+                let blur = Blur {
+                    sigma: [0.12, 0.12],
+                    motion,
+                    lens_share: 0.8,
+                };
+                let template = Template::new(&tag, &blur);
+                let middle = template.at([0.0, 0.0]).value;
+                let expected = exact(&tag, [0.0, 0.0], &blur)[0];
+                assert!(
+                    (middle - expected).abs() < 0.05,
+                    "{motion:?}: {middle} {expected}"
+                );
+            }
+        }
     }
 
     #[test]

@@ -3,14 +3,17 @@
 //!
 //! Contract: a row per foot and pose of the trajectory, or none if no tag was seen; a foot that is
 //! not known is lost, and so is one of a rig that is lost. Of the two poses of a tag that images
-//! hardly distinguish, the one with the more level sole counts. A session in which no tag was seen
-//! has no contacts, and a foot of which none was seen is lost throughout.
+//! hardly distinguish, the one counts that fits those of other frames and whose sole is more level.
+//! A session in which no tag was seen has no contacts, and a foot of which none was seen is lost
+//! throughout.
 
 use std::collections::BTreeSet;
 
 use ::feet::events::{Contact, Event, FootStances, contacts};
-use ::feet::observation::{TagPose, foot_observation, surest};
+use ::feet::observation::{TagPose, foot_candidates, foot_observations};
+use ::feet::shoe::Side;
 use ::feet::stance::{FootObservation, Stance, stances};
+use ::feet::swing_habit::SwingHabit;
 use ::feet::tag_placement::{
     Estimate, PlacementError, Quantity, Slip, are_exchanged, placement_error, slip,
 };
@@ -90,13 +93,18 @@ impl Stage<Input> for FeetStage {
         let times: Vec<i64> = trajectory.poses().iter().map(|pose| pose.time_ns).collect();
         let mut poses = Vec::with_capacity(2 * times.len());
         if observed.iter().any(|own| !own.is_empty()) {
-            for (k, foot) in Foot::ALL.into_iter().enumerate() {
-                let known = FootContacts {
-                    observations: &observed[k],
-                    contacts: &contacts[k],
-                    sole: soles[k],
-                };
-                let found = foot_poses(&known, &times, &config.swing);
+            let known = [0, 1].map(|k: usize| FootContacts {
+                side: match Foot::ALL[k] {
+                    Foot::Left => Side::Left,
+                    Foot::Right => Side::Right,
+                },
+                observations: &observed[k],
+                contacts: &contacts[k],
+                sole: soles[k],
+            });
+            let habit = SwingHabit::learned(&known, &config.swing);
+            for (foot, known) in Foot::ALL.into_iter().zip(&known) {
+                let found = foot_poses(known, &habit, &times, &config.swing);
                 let rigs = trajectory.poses().iter();
                 poses.extend(rigs.zip(found).map(|(rig, own)| foot_pose(foot, rig, &own)));
             }
@@ -130,7 +138,7 @@ impl Gait {
         let seen = [0, 1].map(|k: usize| FootStances {
             observations: &observed[k],
             stances: &at_rest[k],
-            heel_m: edges(rig, Foot::ALL[k]).heel_m,
+            sole: edges(rig, Foot::ALL[k]),
         });
         let contacts = contacts(seen, &config.events);
         Self { observed, contacts }
@@ -287,25 +295,21 @@ fn observations(
     detections: &[TagDetection],
 ) -> Vec<FootObservation> {
     let own = detections.iter().filter(|detection| detection.foot == foot);
-    surest(own.filter_map(|detection| {
+    let config = FootConfig::default();
+    let candidates = own.filter_map(|detection| {
         let mut tags = shoe(rig, foot)?.tags.iter();
         let tag = tags.find(|tag| u64::from(tag.id) == detection.tag)?;
         let world_from_rig = pose_at(trajectory, detection.time_ns)?;
         let seen = TagPose {
             rig_from_tag: detection.rig_from_tag,
             covariance: detection.covariance,
+            visible_share: f64::from(detection.visible_share[0].max(detection.visible_share[1])),
             second: (detection.second).map(|own| (own.rig_from_tag, f64::from(own.excess_cost))),
         };
         let (time_ns, place) = (detection.time_ns, &tag.foot_from_tag);
-        let config = FootConfig::default();
-        Some(foot_observation(
-            time_ns,
-            &world_from_rig,
-            &seen,
-            place,
-            &config,
-        ))
-    }))
+        foot_candidates(time_ns, &world_from_rig, &seen, place, &config).ok()
+    });
+    foot_observations(candidates, &config)
 }
 
 fn foot_pose(foot: Foot, rig: &Pose, pose: &track::FootPose) -> FootPose {

@@ -1,222 +1,332 @@
 //! Contacts and swings of one walk against the truth: places, times, what is missed or invented.
+//!
+//! Poses of the rig are the true ones, so errors of places are those in the camera.
 
-use anyhow::Result;
 use cad_transforms::{Covariance, RigidTransform};
 use feet::events::{Contact, FootStances, contacts};
-use feet::observation::{TagPose, foot_observation, surest};
+use feet::observation::{TagPose, foot_candidates, foot_observations};
+use feet::shoe::Side;
 use feet::stance::{FootObservation, Stance, stances};
 use feet::swing::SoleEdges;
-use feet::tag_tracker::Detection;
-use feet::track::{FootContacts, FootStatus, foot_poses};
+use feet::swing_habit::SwingHabit;
+use feet::track::{FootContacts, FootPose, FootStatus, foot_poses};
 use feet::{FootConfig, GaitConfig};
-use rig_sim::simulation::Simulation;
-use rig_sim::walker::{Footfall, Phase, Side};
-use serde::Serialize;
+use nalgebra::Vector6;
+use serde::{Deserialize, Serialize};
 
-use super::tags::transform;
+use super::recording::{Recording, TRUTH_STEP_S, TrueContact, TruePose};
+use super::statistics::{percentile, rms};
 
 /// Edges of the sole of the simulated wearer.
 const SOLE: SoleEdges = SoleEdges {
     heel_m: 0.13,
     toe_m: 0.15,
 };
-/// Time within which a contact is that of a footfall, s.
-const MATCH_S: f64 = 0.25;
+/// Time at the ends of a recording in which footfalls do not count, s.
+const END_S: f64 = 0.5;
 
 /// Errors of the contacts and swings of a walk.
-#[derive(Clone, Debug, Default, Serialize)]
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub(super) struct Row {
-    /// Footfalls between the first and the last second, those found, and contacts that are none.
-    footfalls: usize,
-    found: usize,
-    invented: usize,
-    /// Error of the middle of the sole at rest: RMS and 95th percentile, mm; mean squared error in
-    /// sigmas, per dimension of the pose.
-    contact_rms_mm: f64,
-    contact_p95_mm: f64,
-    contact_nees: f64,
-    /// Errors of times, 95th percentile, ms, and mean squared error in sigmas.
-    strike_p95_ms: f64,
-    strike_nees: f64,
-    toe_off_p95_ms: f64,
-    toe_off_nees: f64,
-    /// Poses out of sight between contacts: their number, RMS error of the middle of the sole, mm,
-    /// and the share within the ellipsoid that contains 95 %.
-    bridged: usize,
-    bridged_rms_mm: f64,
-    bridged_within: f64,
+    /// Whole footfalls, those found, those whose tag no frame shows while the foot is flat, and
+    /// contacts that are none.
+    pub(super) footfalls: usize,
+    pub(super) found: usize,
+    pub(super) hidden: usize,
+    pub(super) invented: usize,
+    /// Error of the middle of the sole at rest: 50th and 95th percentile, RMS, mm; mean squared
+    /// error in sigmas, per dimension of the pose.
+    pub(super) contact_mm: [f64; 3],
+    pub(super) contact_nees: f64,
+    /// Errors of times: 50th and 95th percentile, RMS, ms, and mean squared error in sigmas; of
+    /// strikes that frames show alone, the 95th percentile and their number.
+    pub(super) strike_ms: [f64; 3],
+    pub(super) strike_nees: f64,
+    pub(super) strike_seen_p95_ms: f64,
+    pub(super) strikes_seen: usize,
+    pub(super) toe_off_ms: [f64; 3],
+    pub(super) toe_off_nees: f64,
+    /// Poses out of sight between contacts: their number, error of the middle of the sole, 50th and
+    /// 95th percentile, RMS, mm, and the share within two stated sigmas along each axis.
+    pub(super) bridged: usize,
+    pub(super) bridged_mm: [f64; 3],
+    pub(super) bridged_within: f64,
+    /// The same at frames between contacts that were hidden from the estimator.
+    pub(super) dropped: usize,
+    pub(super) dropped_mm: [f64; 3],
+    pub(super) dropped_within: f64,
     /// Share of times at which a foot is lost.
-    lost: f64,
+    pub(super) lost: f64,
 }
 
-/// The foot of a sighting in the world.
-pub(super) fn observation(
-    world_from_rig: &RigidTransform,
-    seen: &Detection,
-    foot_from_tag: &RigidTransform,
-) -> Result<FootObservation> {
-    // Rotation first in a fit.
-    let place = |k: usize| (k + 3) % 6;
-    let fit = &seen.fit;
-    let rows =
-        std::array::from_fn(|i| std::array::from_fn(|j| fit.covariance[(place(i), place(j))]));
-    let tag = TagPose {
-        rig_from_tag: fit.reference_from_tag,
-        covariance: Covariance::from_rows(rows)?,
-        second: fit
-            .other
-            .as_ref()
-            .map(|own| (own.reference_from_tag, own.excess_cost)),
-    };
+/// Errors of both feet, and each single one for sums over walks.
+pub(super) fn row(recording: &Recording) -> (Row, Errors) {
+    let observed = [0, 1].map(|foot| observations(recording, foot));
+    let found = estimate(&observed);
+    let count = recording.feet[0].len();
+    let times: Vec<i64> = (0..count).map(|n| time_ns(recording, n)).collect();
+    let poses = poses(&observed, &found, [times.as_slice(); 2]);
+    let mut row = Row::default();
+    let mut errors = Errors::default();
+    let end_s = recording.begin_s + TRUTH_STEP_S * (recording.feet[0].len() - 1) as f64;
+    for foot in 0..2 {
+        let counts = |own: &TrueContact| {
+            own.strike_s > recording.begin_s + END_S && own.toe_off_s < end_s - END_S
+        };
+        let truth = &recording.contacts[foot];
+        row.footfalls += truth.iter().filter(|own| counts(own)).count();
+        row.hidden += truth
+            .iter()
+            .filter(|own| counts(own) && is_hidden(recording, foot, own))
+            .count();
+        let mut taken = vec![false; truth.len()];
+        for contact in &found[foot] {
+            let middle_s = 0.5
+                * contact
+                    .stance
+                    .times_ns
+                    .map(|ns| 1e-9 * ns as f64)
+                    .iter()
+                    .sum::<f64>();
+            let own = |own: &TrueContact| (own.strike_s..own.toe_off_s).contains(&middle_s);
+            let Some(at) = truth.iter().position(own).filter(|at| !taken[*at]) else {
+                row.invented += 1;
+                continue;
+            };
+            taken[at] = true;
+            if counts(&truth[at]) {
+                row.found += 1;
+                errors.contact(contact, &truth[at]);
+            }
+        }
+        for (pose, truth) in poses[foot].iter().zip(&recording.feet[foot]) {
+            match pose.status {
+                FootStatus::Lost => row.lost += 0.5 / count as f64,
+                FootStatus::Bridged if !truth.is_flat => errors.bridged.add(truth, pose),
+                _ => {}
+            }
+        }
+    }
+    drop_swings(recording, &observed, &found, &mut errors.dropped);
+    (errors.complete(row), errors)
+}
+
+fn time_ns(recording: &Recording, n: usize) -> i64 {
+    ((recording.begin_s + n as f64 * TRUTH_STEP_S) * 1e9).round() as i64
+}
+
+/// Whether no frame shows the whole tag in both eyes while the foot is flat.
+fn is_hidden(recording: &Recording, foot: usize, contact: &TrueContact) -> bool {
+    let (from, to) = (contact.flat_s, contact.heel_off_s);
+    let mut frames = recording.frames.iter();
+    !frames.any(|frame| {
+        let time_s = 1e-9 * frame.time_ns as f64;
+        (from..to).contains(&time_s) && frame.visible[foot] == [1.0; 2]
+    })
+}
+
+fn observations(recording: &Recording, foot: usize) -> Vec<FootObservation> {
+    let own = recording.sightings.iter().filter(|own| own.foot == foot);
     let config = FootConfig::default();
-    Ok(foot_observation(
-        seen.time_ns,
-        world_from_rig,
-        &tag,
-        foot_from_tag,
-        &config,
-    ))
+    let candidates = own.filter_map(|own| {
+        let frame = &recording.frames[own.frame];
+        let tag = TagPose {
+            rig_from_tag: own.rig_from_tag,
+            covariance: own.covariance,
+            visible_share: own.visible_share[0].max(own.visible_share[1]),
+            second: own.second,
+        };
+        let foot_from_tag = &recording.foot_from_tag[foot];
+        let rig = &frame.world_from_rig;
+        foot_candidates(frame.time_ns, rig, &tag, foot_from_tag, &config).ok()
+    });
+    foot_observations(candidates, &config)
 }
 
-/// Errors of both feet.
-pub(super) fn errors(simulation: &Simulation, observed: &[Vec<FootObservation>; 2]) -> Row {
+fn estimate(observed: &[Vec<FootObservation>; 2]) -> [Vec<Contact>; 2] {
     let config = GaitConfig::default();
-    let observed = observed.each_ref().map(|own| surest(own.iter().copied()));
     let at_rest: [Vec<Stance>; 2] = observed.each_ref().map(|own| stances(own, &config.stance));
     let seen = [0, 1].map(|k: usize| FootStances {
         observations: &observed[k],
         stances: &at_rest[k],
-        heel_m: SOLE.heel_m,
+        sole: SOLE,
     });
-    let contacts = contacts(seen, &config.events);
-    let mut row = Row::default();
-    let mut sums = Sums::default();
-    let last_s = simulation.walker().seconds() - 1.0;
-    for (k, side) in [Side::Left, Side::Right].into_iter().enumerate() {
-        let falls = simulation.walker().contacts(side).iter();
-        let falls: Vec<&Footfall> = falls
-            .filter(|fall| fall.strike_s > 1.0 && fall.off_s < last_s)
-            .collect();
-        row.footfalls += falls.len();
-        for contact in &contacts[k] {
-            let near =
-                |fall: &&&Footfall| (fall.strike_s - contact.heel_strike.time_s).abs() < MATCH_S;
-            match falls.iter().find(near) {
-                Some(fall) => {
-                    row.found += 1;
-                    sums.contact(contact, fall);
+    contacts(seen, &config.events)
+}
+
+/// Poses of both feet at times.
+fn poses(
+    observed: &[Vec<FootObservation>; 2],
+    contacts: &[Vec<Contact>; 2],
+    times_ns: [&[i64]; 2],
+) -> [Vec<FootPose>; 2] {
+    let config = GaitConfig::default();
+    let feet = [0, 1].map(|k: usize| FootContacts {
+        side: [Side::Left, Side::Right][k],
+        observations: &observed[k],
+        contacts: &contacts[k],
+        sole: SOLE,
+    });
+    let habit = SwingHabit::learned(&feet, &config.swing);
+    [0, 1].map(|k: usize| foot_poses(&feet[k], &habit, times_ns[k], &config.swing))
+}
+
+/// Hides all frames between two contacts, of every other swing at a time, and compares the poses
+/// there with the truth.
+fn drop_swings(
+    recording: &Recording,
+    observed: &[Vec<FootObservation>; 2],
+    found: &[Vec<Contact>; 2],
+    errors: &mut SwingErrors,
+) {
+    for parity in 0..2 {
+        let mut hidden = [Vec::new(), Vec::new()];
+        let kept = [0, 1].map(|foot: usize| {
+            let swings = found[foot].windows(2).enumerate();
+            let swings = swings.filter(|(k, _)| k % 2 == parity);
+            let spans = swings.map(|(_, of)| [of[0].stance.times_ns[1], of[1].stance.times_ns[0]]);
+            let spans: Vec<[i64; 2]> = spans.collect();
+            let is_hidden = |own: &FootObservation| {
+                let mut spans = spans.iter();
+                spans.any(|[from, to]| *from < own.time_ns && own.time_ns < *to)
+            };
+            let (out, kept): (Vec<_>, Vec<_>) = observed[foot].iter().copied().partition(is_hidden);
+            hidden[foot] = out;
+            kept
+        });
+        let again = estimate(&kept);
+        let times = hidden
+            .each_ref()
+            .map(|hidden| -> Vec<i64> { hidden.iter().map(|own| own.time_ns).collect() });
+        let poses = poses(&kept, &again, times.each_ref().map(Vec::as_slice));
+        for foot in 0..2 {
+            for pose in poses[foot]
+                .iter()
+                .filter(|pose| pose.status != FootStatus::Lost)
+            {
+                let frame = recording.frames.iter().find(|f| f.time_ns == pose.time_ns);
+                if let Some(frame) = frame.filter(|frame| !frame.feet[foot].is_flat) {
+                    errors.add(&frame.feet[foot], pose);
                 }
-                None if (1.0..last_s - 0.5).contains(&contact.heel_strike.time_s) => {
-                    row.invented += 1;
-                }
-                None => {}
-            }
-        }
-        let foot = FootContacts {
-            observations: &observed[k],
-            contacts: &contacts[k],
-            sole: SOLE,
-        };
-        let times: Vec<i64> = (0..)
-            .map(|n: i64| 1_000_000_000 + n * 10_000_000)
-            .take_while(|ns| 1e-9 * (*ns as f64) < last_s)
-            .collect();
-        let poses = foot_poses(&foot, &times, &config.swing);
-        let lost = poses
-            .iter()
-            .filter(|pose| pose.status == FootStatus::Lost)
-            .count();
-        row.lost += 0.5 * lost as f64 / times.len().max(1) as f64;
-        for pose in poses
-            .iter()
-            .filter(|pose| pose.status == FootStatus::Bridged)
-        {
-            let state = simulation.walker().foot(side, 1e-9 * pose.time_ns as f64);
-            let truth = transform(&state.position, &state.rotation);
-            if let (Ok(truth), Phase::Swing | Phase::Toe | Phase::Heel) = (truth, state.phase) {
-                sums.bridged(&truth, pose);
             }
         }
     }
-    sums.into_row(row)
 }
 
-#[derive(Default)]
-struct Sums {
+/// Errors of poses between contacts.
+#[derive(Clone, Debug, Default)]
+pub(super) struct SwingErrors {
+    mm: Vec<f64>,
+    /// Components in stated sigmas.
+    sigmas: Vec<f64>,
+}
+
+impl SwingErrors {
+    fn add(&mut self, truth: &TruePose, pose: &FootPose) {
+        let error = motion(&truth.world_from_foot, &pose.world_from_foot);
+        self.mm.push(1e3 * error.fixed_rows::<3>(0).norm());
+        let sigmas = pose.covariance.as_ref().map(Covariance::sigmas);
+        let by_axis = (0..3).map(|k| sigmas.map_or(f64::INFINITY, |own| error[k] / own[k]));
+        self.sigmas.extend(by_axis);
+    }
+
+    fn summary(&self) -> (usize, [f64; 3], f64) {
+        let within = self.sigmas.iter().filter(|own| own.abs() < 2.0).count();
+        let share = within as f64 / self.sigmas.len().max(1) as f64;
+        (self.mm.len(), summary(&self.mm), share)
+    }
+}
+
+/// Errors of one or more walks.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Errors {
     contacts_mm: Vec<f64>,
-    contact_nees: f64,
-    strikes_ms: Vec<f64>,
-    strike_nees: f64,
-    toe_offs_ms: Vec<f64>,
-    toe_off_nees: f64,
-    bridged_mm: Vec<f64>,
-    bridged_within: usize,
+    contact_squares: Vec<f64>,
+    /// Time error, ms, in sigmas, and whether frames show it.
+    strikes: Vec<(f64, f64, bool)>,
+    toe_offs: Vec<(f64, f64)>,
+    bridged: SwingErrors,
+    dropped: SwingErrors,
 }
 
-impl Sums {
-    fn contact(&mut self, contact: &Contact, fall: &Footfall) {
-        let Ok(truth) = transform(&fall.position, &fall.rotation) else {
-            return;
-        };
+impl Errors {
+    fn contact(&mut self, contact: &Contact, truth: &TrueContact) {
         let stance = &contact.stance;
-        let error = motion(&truth, &stance.world_from_foot);
+        let error = motion(&truth.world_from_foot, &stance.world_from_foot);
         self.contacts_mm.push(1e3 * error.fixed_rows::<3>(0).norm());
         if let Some(inverse) = stance.covariance.matrix().try_inverse() {
-            self.contact_nees += error.dot(&(inverse * error)) / 6.0;
+            self.contact_squares
+                .push(error.dot(&(inverse * error)) / 6.0);
         }
-        let strike = contact.heel_strike.time_s - fall.strike_s;
-        self.strikes_ms.push(1e3 * strike.abs());
-        self.strike_nees += (strike / contact.heel_strike.sigma_s).powi(2);
-        let toe_off = contact.toe_off.time_s - fall.off_s;
-        self.toe_offs_ms.push(1e3 * toe_off.abs());
-        self.toe_off_nees += (toe_off / contact.toe_off.sigma_s).powi(2);
+        let event = contact.heel_strike;
+        let strike = event.time_s - truth.strike_s;
+        self.strikes
+            .push((1e3 * strike, strike / event.sigma_s, event.is_seen));
+        let toe_off = contact.toe_off.time_s - truth.toe_off_s;
+        self.toe_offs
+            .push((1e3 * toe_off, toe_off / contact.toe_off.sigma_s));
     }
 
-    fn bridged(&mut self, truth: &RigidTransform, pose: &feet::track::FootPose) {
-        let error = motion(truth, &pose.world_from_foot)
-            .fixed_rows::<3>(0)
-            .into_owned();
-        self.bridged_mm.push(1e3 * error.norm());
-        let covariance = pose.covariance.as_ref().map(Covariance::matrix);
-        let own = covariance.map(|all| all.fixed_view::<3, 3>(0, 0).into_owned());
-        let square = own.and_then(|own| Some(error.dot(&(own.try_inverse()? * error))));
-        // 95 % of a chi-squared distribution with three degrees of freedom.
-        self.bridged_within += usize::from(square.is_some_and(|square| square < 7.81));
+    /// Adds those of another walk.
+    pub(super) fn extend(&mut self, other: &Self) {
+        self.contacts_mm.extend(&other.contacts_mm);
+        self.contact_squares.extend(&other.contact_squares);
+        self.strikes.extend(&other.strikes);
+        self.toe_offs.extend(&other.toe_offs);
+        for (own, other) in [
+            (&mut self.bridged, &other.bridged),
+            (&mut self.dropped, &other.dropped),
+        ] {
+            own.mm.extend(&other.mm);
+            own.sigmas.extend(&other.sigmas);
+        }
     }
 
-    fn into_row(self, row: Row) -> Row {
-        let count = self.contacts_mm.len().max(1) as f64;
+    /// A row with these errors.
+    pub(super) fn complete(&self, row: Row) -> Row {
+        let squares = |all: &mut dyn Iterator<Item = f64>| {
+            let (sum, count) = all.fold((0.0, 0.0), |(sum, count), own| (sum + own, count + 1.0));
+            sum / f64::max(count, 1.0)
+        };
+        let strikes: Vec<f64> = self.strikes.iter().map(|own| own.0.abs()).collect();
+        let seen: Vec<f64> = self
+            .strikes
+            .iter()
+            .filter(|s| s.2)
+            .map(|s| s.0.abs())
+            .collect();
+        let toe_offs: Vec<f64> = self.toe_offs.iter().map(|own| own.0.abs()).collect();
+        let (bridged, bridged_mm, bridged_within) = self.bridged.summary();
+        let (dropped, dropped_mm, dropped_within) = self.dropped.summary();
         Row {
-            contact_rms_mm: rms(&self.contacts_mm),
-            contact_p95_mm: p95(self.contacts_mm),
-            contact_nees: self.contact_nees / count,
-            strike_p95_ms: p95(self.strikes_ms),
-            strike_nees: self.strike_nees / count,
-            toe_off_p95_ms: p95(self.toe_offs_ms),
-            toe_off_nees: self.toe_off_nees / count,
-            bridged: self.bridged_mm.len(),
-            bridged_rms_mm: rms(&self.bridged_mm),
-            bridged_within: self.bridged_within as f64 / self.bridged_mm.len().max(1) as f64,
+            contact_mm: summary(&self.contacts_mm),
+            contact_nees: squares(&mut self.contact_squares.iter().copied()),
+            strike_ms: summary(&strikes),
+            strike_nees: squares(&mut self.strikes.iter().map(|own| own.1 * own.1)),
+            strikes_seen: seen.len(),
+            strike_seen_p95_ms: percentile(seen, 0.95),
+            toe_off_ms: summary(&toe_offs),
+            toe_off_nees: squares(&mut self.toe_offs.iter().map(|own| own.1 * own.1)),
+            bridged,
+            bridged_mm,
+            bridged_within,
+            dropped,
+            dropped_mm,
+            dropped_within,
             ..row
         }
     }
 }
 
-fn rms(values: &[f64]) -> f64 {
-    (values.iter().map(|v| v * v).sum::<f64>() / values.len().max(1) as f64).sqrt()
-}
-
-fn p95(mut values: Vec<f64>) -> f64 {
-    values.sort_by(f64::total_cmp);
-    values
-        .get(values.len() * 95 / 100)
-        .copied()
-        .unwrap_or(f64::NAN)
+/// 50th and 95th percentile, RMS.
+fn summary(values: &[f64]) -> [f64; 3] {
+    let at = |share: f64| percentile(values.to_vec(), share);
+    [at(0.5), at(0.95), rms(values)]
 }
 
 /// Motion from a pose to another in the axes of the first: translation, rotation.
-fn motion(from: &RigidTransform, to: &RigidTransform) -> nalgebra::Vector6<f64> {
+fn motion(from: &RigidTransform, to: &RigidTransform) -> Vector6<f64> {
     let motion = from.inverse() * *to;
     let ([x, y, z], [a, b, c]) = (motion.translation_m(), motion.rotation_vector());
-    nalgebra::Vector6::new(x, y, z, a, b, c)
+    Vector6::new(x, y, z, a, b, c)
 }

@@ -12,7 +12,7 @@ use super::path::Path;
 use super::profile::{GaitProfile, StepVariation};
 use super::progress::Progress;
 use super::side::Side;
-use super::vigour;
+use super::{ROLL_DOWN_S, ROLL_OFF_S, vigour};
 use cad_transforms::so3;
 
 /// Heel of the sole, m in front of its middle.
@@ -68,6 +68,9 @@ pub struct Footfall {
     pub delay: f64,
     /// Height of the jump before, m; 0 for a step.
     pub jump_m: f64,
+    /// From the strike until the whole sole is down, and from heel off until toe off, s, unless the
+    /// contact is too short for that.
+    pub rolls_s: [f64; 2],
 }
 
 impl Footfall {
@@ -89,6 +92,7 @@ impl Footfall {
             clearance_m: 0.0,
             delay: 0.0,
             jump_m: 0.0,
+            rolls_s: [ROLL_DOWN_S, ROLL_OFF_S],
         }
     }
 

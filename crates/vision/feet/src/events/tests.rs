@@ -6,6 +6,10 @@ use crate::stance::stances;
 use crate::test_noise::Noise;
 
 const HEEL_M: f64 = 0.14;
+const SOLE: SoleEdges = SoleEdges {
+    heel_m: HEEL_M,
+    toe_m: 0.14,
+};
 const STRIDE_S: f64 = 1.1;
 const BEARING_S: f64 = 0.66;
 
@@ -55,7 +59,7 @@ fn errors(rate_hz: f64, noise_m: f64) -> [Vec<[f64; 2]>; 2] {
         let feet = [0, 1].map(|k: usize| FootStances {
             observations: &seen[k],
             stances: &found[k],
-            heel_m: HEEL_M,
+            sole: SOLE,
         });
         let contacts = contacts(feet, &config.events);
         for (side, contacts) in contacts.iter().enumerate() {
@@ -135,12 +139,12 @@ fn a_single_stance_has_all_events_in_order() {
     let foot = FootStances {
         observations: &seen[..8],
         stances: &found,
-        heel_m: HEEL_M,
+        sole: SOLE,
     };
     let none = FootStances {
         observations: &[],
         stances: &[],
-        heel_m: HEEL_M,
+        sole: SOLE,
     };
     let [contacts, others] = contacts([foot, none], &config.events);
     assert!(others.is_empty());
@@ -167,7 +171,7 @@ fn strikes_out_of_sight_are_between_those_of_the_other_foot() {
         let feet = [0, 1].map(|k: usize| FootStances {
             observations: &seen[k],
             stances: &found[k],
-            heel_m: HEEL_M,
+            sole: SOLE,
         });
         let [left, _] = contacts(feet, &config.events);
         for contact in &left[1..left.len() - 2] {

@@ -1,6 +1,7 @@
 use super::*;
 use crate::GaitConfig;
 use crate::events::{Event, FootStances, contacts};
+use crate::poses::motion;
 use crate::stance::stances;
 use crate::test_noise::Noise;
 
@@ -72,21 +73,29 @@ fn hidden_swings_are_bridged_with_honest_covariance() {
     let other = FootStances {
         observations: &[],
         stances: &[],
-        heel_m: SOLE.heel_m,
+        sole: SOLE,
     };
     let own = FootStances {
         observations: &observations,
         stances: &stances,
-        heel_m: SOLE.heel_m,
+        sole: SOLE,
     };
     let [contacts, _] = contacts([own, other], &config.events);
     let foot = FootContacts {
+        side: Side::Left,
         observations: &observations,
         contacts: &contacts,
         sole: SOLE,
     };
+    let none = FootContacts {
+        side: Side::Right,
+        observations: &[],
+        contacts: &[],
+        sole: SOLE,
+    };
+    let habit = SwingHabit::learned(&[foot, none], &config.swing);
     let times: Vec<i64> = (150..1000).map(|n| n * 10_000_000).collect();
-    let poses = foot_poses(&foot, &times, &config.swing);
+    let poses = foot_poses(&foot, &habit, &times, &config.swing);
     assert_eq!(poses.len(), times.len());
     let (mut squares, mut nees, mut count, mut within) = (0.0, 0.0, 0.0, 0.0);
     for pose in &poses {
@@ -142,12 +151,14 @@ fn a_foot_without_a_next_contact_is_lost() {
         toe_off: event(1.75),
     };
     let foot = FootContacts {
+        side: Side::Left,
         observations: &observations,
         contacts: std::slice::from_ref(&contact),
         sole: SOLE,
     };
     let times = [500_000_000, 1_300_000_000, 2_000_000_000];
-    let found = foot_poses(&foot, &times, &GaitConfig::default().swing);
+    let config = GaitConfig::default().swing;
+    let found = foot_poses(&foot, &SwingHabit::generic(&config), &times, &config);
     let statuses: Vec<FootStatus> = found.iter().map(|pose| pose.status).collect();
     assert_eq!(
         statuses,

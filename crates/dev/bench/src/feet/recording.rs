@@ -1,0 +1,306 @@
+//! What the feet camera of a walk shows of the shoe tags, and the truth about it.
+//!
+//! Contract: images are rendered and read once; the recording holds all that the evaluation needs,
+//! and is kept in a folder from which later runs with `--reuse` read it.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use anyhow::{Context as _, Result};
+use boards::Dictionary;
+use cad_transforms::{Covariance, RigidTransform};
+use camera_models::Lens;
+use feet::Config;
+use feet::shoe::{Shoe, ShoeTag, Side as FootSide};
+use feet::tag_tracker::{Camera, Detection, Frame, RigState, TagTracker};
+use fiducials::{Motion, Tag};
+use imaging::ImageView;
+use nalgebra::{UnitQuaternion, Vector3};
+use rig_sim::camera::Shutter;
+use rig_sim::scene::wearer::Part;
+use rig_sim::simulation::{FrameSource as _, GroundTruth, Simulation, seconds};
+use rig_sim::walker::{Footfall, Phase, Side, Walker};
+use rustix::time::ClockId;
+use serde::{Deserialize, Serialize};
+
+use super::walks::{FeetRig, SECONDS, Walk};
+
+/// Time between true poses of the feet, s.
+pub(super) const TRUTH_STEP_S: f64 = 0.01;
+/// Both feet, left first.
+pub(super) const SIDES: [Side; 2] = [Side::Left, Side::Right];
+
+/// See the module.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub(super) struct Recording {
+    pub(super) begin_s: f64,
+    pub(super) frames: Vec<FrameTruth>,
+    pub(super) sightings: Vec<Sighting>,
+    /// True contacts of the left and the right foot.
+    pub(super) contacts: [Vec<TrueContact>; 2],
+    /// True poses from the beginning to the end of the recorded part.
+    pub(super) feet: [Vec<TruePose>; 2],
+    /// Of the tag on each shoe.
+    pub(super) foot_from_tag: [RigidTransform; 2],
+}
+
+/// Truth of a frame.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub(super) struct FrameTruth {
+    pub(super) time_ns: i64,
+    pub(super) world_from_rig: RigidTransform,
+    pub(super) rig_from_tag: [RigidTransform; 2],
+    /// Visible share of the tag of each foot by eye.
+    pub(super) visible: [[f64; 2]; 2],
+    pub(super) feet: [TruePose; 2],
+    pub(super) exposure_ms: f64,
+    /// Processor time of the tracker, ms.
+    pub(super) ms: f64,
+}
+
+/// A tag that the tracker found.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub(super) struct Sighting {
+    /// Index of the frame.
+    pub(super) frame: usize,
+    pub(super) foot: usize,
+    pub(super) rig_from_tag: RigidTransform,
+    /// Of a small motion of the tag in its own axes.
+    pub(super) covariance: Covariance,
+    /// Another pose and its excess cost.
+    pub(super) second: Option<(RigidTransform, f64)>,
+    pub(super) visible_share: [f64; 2],
+}
+
+/// A contact.
+#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
+pub(super) struct TrueContact {
+    pub(super) strike_s: f64,
+    pub(super) flat_s: f64,
+    pub(super) heel_off_s: f64,
+    pub(super) toe_off_s: f64,
+    pub(super) world_from_foot: RigidTransform,
+    pub(super) speed: f64,
+}
+
+/// Pose of a foot.
+#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
+pub(super) struct TruePose {
+    pub(super) world_from_foot: RigidTransform,
+    pub(super) is_flat: bool,
+    pub(super) is_swing: bool,
+}
+
+impl Recording {
+    /// The recording of a walk; `kept` is the folder and whether what it holds is used.
+    pub(super) fn of(rig: &FeetRig, walk: &Walk, kept: (&Path, bool)) -> Result<Self> {
+        let (folder, reuse) = kept;
+        let path = Self::path(folder, rig, walk);
+        if reuse && path.exists() {
+            let text = fs::read(&path).with_context(|| format!("reading {}", path.display()))?;
+            return serde_json::from_slice(&text)
+                .with_context(|| format!("reading {}", path.display()));
+        }
+        let recording = Self::render(rig, walk)?;
+        fs::create_dir_all(folder).with_context(|| format!("creating {}", folder.display()))?;
+        fs::write(&path, serde_json::to_vec(&recording)?)
+            .with_context(|| format!("writing {}", path.display()))?;
+        Ok(recording)
+    }
+
+    /// Where the recording of a walk is kept.
+    pub(super) fn path(folder: &Path, rig: &FeetRig, walk: &Walk) -> PathBuf {
+        let name = walk.name.replace([' ', ','], "_");
+        folder.join(format!("{}-{name}.json", rig.name))
+    }
+
+    fn render(rig: &FeetRig, walk: &Walk) -> Result<Self> {
+        let simulation = Arc::new(rig.simulation(walk)?);
+        let position = (simulation.cameras().iter()).position(|camera| camera.name == "feet");
+        let position = position.context("the rig has a camera of the feet")?;
+        let shoes = shoes(&simulation)?;
+        let camera = camera(&simulation, position);
+        let mut tracker = TagTracker::new(shoes.clone(), vec![camera], Config::default());
+        let mut renderer = simulation.frames(position);
+        let mut ground_truth = simulation.ground_truth(position);
+        let settings = *simulation.settings();
+        let first = (walk.begin_s * settings.rate_hz).round() as u64;
+        renderer.settle(settings.frame_ns(first));
+        let mut recording = Self {
+            begin_s: walk.begin_s,
+            frames: Vec::new(),
+            sightings: Vec::new(),
+            contacts: [contacts(&simulation, 0)?, contacts(&simulation, 1)?],
+            feet: [
+                true_poses(&simulation, 0, walk)?,
+                true_poses(&simulation, 1, walk)?,
+            ],
+            foot_from_tag: [0, 1].map(|k: usize| shoes[k].tags[0].foot_from_tag),
+        };
+        for number in first..settings.frame_count() {
+            let time_ns = settings.frame_ns(number);
+            let image = renderer.render_frame(number, time_ns);
+            let mut truth = frame_truth(&simulation, &mut ground_truth, time_ns)?;
+            truth.exposure_ms = 1e3 * f64::from(image.exposure.seconds);
+            let grays = [image.gray(0), image.gray(1)];
+            let [width, height] = rig.size.map(|size| size as usize);
+            let views = grays
+                .each_ref()
+                .map(|gray| ImageView::packed(width, height, gray).expect("whole images"));
+            let state = simulation.walker().rig(seconds(time_ns));
+            let frame = Frame {
+                camera: 0,
+                time_ns,
+                images: views,
+                exposure_s: f64::from(image.exposure.seconds),
+                rig: Some(RigState {
+                    world_from_rig: truth.world_from_rig,
+                    motion: Motion {
+                        linear: state.velocity.into(),
+                        angular: (state.rotation * state.angular_rate).into(),
+                    },
+                }),
+            };
+            let begin_ms = thread_ms();
+            let found = tracker.add(&frame);
+            truth.ms = thread_ms() - begin_ms;
+            for seen in &found {
+                let own = sighting(recording.frames.len(), seen)?;
+                recording.sightings.push(own);
+            }
+            recording.frames.push(truth);
+        }
+        Ok(recording)
+    }
+}
+
+/// Processor time of this thread, ms.
+fn thread_ms() -> f64 {
+    let time = rustix::time::clock_gettime(ClockId::ThreadCPUTime);
+    1e3 * time.tv_sec as f64 + 1e-6 * time.tv_nsec as f64
+}
+
+fn camera(simulation: &Simulation, position: usize) -> Camera {
+    let calibration = simulation.calibration(position);
+    let camera = &simulation.cameras()[position];
+    Camera {
+        lenses: [Lens::new(&calibration.left), Lens::new(&calibration.right)],
+        rig_from_eye: camera.rig_from_eye,
+        line_s: match camera.shutter {
+            Shutter::Global => 0.0,
+            Shutter::Rolling { line_s } => line_s,
+        },
+    }
+}
+
+fn shoes(simulation: &Simulation) -> Result<Vec<Shoe>> {
+    let tags = simulation.scene().wearer.tags.iter();
+    tags.map(|tag| {
+        let printed = Tag::new(Dictionary::AprilTag36h11, tag.id as u32, tag.size_m);
+        Ok(Shoe {
+            side: match tag.side {
+                Side::Left => FootSide::Left,
+                Side::Right => FootSide::Right,
+            },
+            tags: vec![ShoeTag {
+                tag: printed.context("a tag of the dictionary")?,
+                foot_from_tag: transform(&tag.position, &tag.rotation)?,
+            }],
+        })
+    })
+    .collect()
+}
+
+fn transform(position: &Vector3<f64>, rotation: &UnitQuaternion<f64>) -> Result<RigidTransform> {
+    let q = rotation;
+    Ok(RigidTransform::from_wxyz(
+        [q.w, q.i, q.j, q.k],
+        (*position).into(),
+    )?)
+}
+
+fn contacts(simulation: &Simulation, foot: usize) -> Result<Vec<TrueContact>> {
+    let falls = simulation.walker().contacts(SIDES[foot]).iter();
+    falls
+        .map(|fall: &Footfall| {
+            let (flat_s, heel_off_s) = Walker::flat_phase(fall);
+            Ok(TrueContact {
+                strike_s: fall.strike_s,
+                flat_s,
+                // The last contact never ends.
+                heel_off_s: heel_off_s.min(1e6),
+                toe_off_s: fall.off_s.min(1e6),
+                world_from_foot: transform(&fall.position, &fall.rotation)?,
+                speed: fall.speed,
+            })
+        })
+        .collect()
+}
+
+fn true_pose(simulation: &Simulation, foot: usize, time_s: f64) -> Result<TruePose> {
+    let state = simulation.walker().foot(SIDES[foot], time_s);
+    Ok(TruePose {
+        world_from_foot: transform(&state.position, &state.rotation)?,
+        is_flat: state.phase == Phase::Flat,
+        is_swing: state.phase == Phase::Swing,
+    })
+}
+
+fn true_poses(simulation: &Simulation, foot: usize, walk: &Walk) -> Result<Vec<TruePose>> {
+    let count = (SECONDS / TRUTH_STEP_S).round() as usize;
+    let time_s = |n: usize| walk.begin_s + n as f64 * TRUTH_STEP_S;
+    (0..=count)
+        .map(|n| true_pose(simulation, foot, time_s(n)))
+        .collect()
+}
+
+fn frame_truth(
+    simulation: &Simulation,
+    ground_truth: &mut GroundTruth<'_>,
+    time_ns: i64,
+) -> Result<FrameTruth> {
+    let rig = simulation.walker().rig(seconds(time_ns));
+    let world_from_rig = transform(&rig.position, &rig.rotation)?;
+    let wearer = &simulation.scene().wearer;
+    let tag = |foot: usize| {
+        let (position, rotation) =
+            wearer.pose(Part::Tag(foot), simulation.walker(), seconds(time_ns));
+        Ok::<_, anyhow::Error>(world_from_rig.inverse() * transform(&position, &rotation)?)
+    };
+    let mut visible = [[0.0; 2]; 2];
+    for eye in 0..2 {
+        let truth = ground_truth.render(eye, time_ns);
+        for tag in ground_truth.tags(eye, &truth) {
+            visible[tag.id][eye] = tag.visible_share;
+        }
+    }
+    let foot = |foot: usize| true_pose(simulation, foot, seconds(time_ns));
+    Ok(FrameTruth {
+        time_ns,
+        world_from_rig,
+        rig_from_tag: [tag(0)?, tag(1)?],
+        visible,
+        feet: [foot(0)?, foot(1)?],
+        exposure_ms: 0.0,
+        ms: 0.0,
+    })
+}
+
+fn sighting(frame: usize, seen: &Detection) -> Result<Sighting> {
+    let fit = &seen.fit;
+    // Rotation first in a fit.
+    let place = |k: usize| (k + 3) % 6;
+    let rows =
+        std::array::from_fn(|i| std::array::from_fn(|j| fit.covariance[(place(i), place(j))]));
+    let second = fit.other.as_ref();
+    let share = |eye: usize| fit.visible_share.get(eye).copied().unwrap_or(0.0);
+    Ok(Sighting {
+        frame,
+        foot: seen.shoe,
+        rig_from_tag: fit.reference_from_tag,
+        covariance: Covariance::from_rows(rows)?,
+        second: second.map(|own| (own.reference_from_tag, own.excess_cost)),
+        visible_share: [share(0), share(1)],
+    })
+}

@@ -1,0 +1,304 @@
+//! Heel off and toe off of a stance.
+//!
+//! Contract: the heel lifts with a growing pitch about the toe; the toe stays until it leaves with
+//! a growing speed. Where frames show that, its time follows from them; elsewhere from the gait:
+//! the toe leaves a certain share of a stride after the strike of the other foot, the heel lifts a
+//! certain share after its own strike.
+//!
+//! Source of the share of a stride in which a foot bears, 0.642 - 0.035 v for a speed v in m/s:
+//! Kirtley, Whittle, Jefferson, "Influence of walking speed on gait parameters", J. Biomed. Eng. 7,
+//! 1985. Heels lift after 0.30 to 0.40 of a stride: Perry, Burnfield, "Gait Analysis", 2nd ed.,
+//! 2010.
+
+use nalgebra::Vector3;
+
+use super::strike::Strike;
+use super::times::{Habit, Row, STEP_S, fit, log_normal, moments, typical, weights, without_prior};
+use super::{Event, FootStances, seconds};
+use crate::config::EventConfig;
+use crate::poses::motion;
+use crate::stance::Stance;
+
+/// Error of a place of the toe besides that of the pose, m, and of a pitch, rad: soles bend.
+const TOE_SIGMA_M: f64 = 0.01;
+const PITCH_SIGMA: f64 = 0.02;
+/// How much the accelerations of both change, m/s³ and rad/s³.
+const TOE_JERK: f64 = 100.0;
+const PITCH_JERK: f64 = 150.0;
+/// Time after the last frame at rest in which frames tell when the foot lifts, s.
+const AFTER_S: f64 = 0.45;
+/// Time before it, likewise.
+const BEFORE_S: f64 = 0.15;
+/// Pitch relative to the stance from which on a foot does not lift over its toe, rad.
+const MAX_PITCH: f64 = 0.1;
+/// Time from the last frame at rest until the toe leaves the ground where no other foot and no next
+/// step determines it, and its standard deviation, s.
+const UNKNOWN_LIFT_S: [f64; 2] = [0.3, 0.15];
+/// Longest time from the last frame at rest to the next strike of the foot, s.
+const MAX_NEXT_S: f64 = 1.5;
+/// Longest time from there to the strike of the other foot that precedes the lift, s.
+const MAX_OTHER_S: f64 = 0.6;
+/// Minimum time in the air, s.
+const MIN_SWING_S: f64 = 0.2;
+/// Standard deviation of an event that tells what is typical, s.
+const SURE_S: f64 = 0.02;
+
+/// Heel off and toe off.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Lift {
+    pub(super) heel_off: Event,
+    pub(super) toe_off: Event,
+    /// Share of the stride by which the toe leaves later than that of people, and share after which
+    /// the heel lifts, where the stride is known.
+    shares: Option<[f64; 2]>,
+    stride_s: f64,
+}
+
+/// How long the feet of a wearer usually bear: differences of the share from that of people, and
+/// share after which the heel lifts, each with its standard deviation.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct LiftHabit {
+    shares: [[f64; 2]; 2],
+}
+
+impl LiftHabit {
+    /// That of people.
+    pub(super) fn generic(config: &EventConfig) -> Self {
+        let usual = [config.bearing_share, config.heel_lift_share];
+        Self {
+            shares: usual
+                .map(|[mean, people, steps]| typical([mean, people], steps, std::iter::empty())),
+        }
+    }
+
+    /// That of a wearer, from steps of which those that are sure count.
+    pub(super) fn learned<'a>(
+        &self,
+        lifts: impl Iterator<Item = &'a Lift> + Clone,
+        config: &EventConfig,
+    ) -> Self {
+        let usual = [config.bearing_share, config.heel_lift_share];
+        let shares = [0, 1].map(|k: usize| {
+            let [mean, people, steps] = usual[k];
+            let estimates = lifts.clone().filter_map(|own| {
+                let event = [own.toe_off, own.heel_off][k];
+                let shares = own
+                    .shares
+                    .filter(|_| event.is_seen && event.sigma_s < SURE_S)?;
+                without_prior([shares[k], event.sigma_s / own.stride_s], self.shares[k])
+            });
+            typical([mean, people], steps, estimates)
+        });
+        Self { shares }
+    }
+}
+
+/// Share of a stride in which the feet of people bear at a speed, m/s.
+pub(super) fn bearing_share(speed: f64) -> f64 {
+    (0.642 - 0.035 * speed).clamp(0.4, 0.75)
+}
+
+/// What follows from the gait.
+struct Expected {
+    toe_off: [f64; 2],
+    heel_off: [f64; 2],
+    latest_s: f64,
+    stride_s: Option<f64>,
+    /// When the toes of people leave at that speed, s.
+    usual_toe_off_s: Option<f64>,
+}
+
+/// Heel off and toe off of a stance.
+pub(super) fn lift(
+    foot: &FootStances<'_>,
+    index: usize,
+    own: &[Strike],
+    other: &[Strike],
+    habit: &LiftHabit,
+    config: &EventConfig,
+) -> Lift {
+    let stance = &foot.stances[index];
+    let last_s = seconds(stance.times_ns[1]);
+    let expected = expected(foot, index, own, other, habit);
+    let frames = leaving(foot, stance, expected.latest_s);
+    let shown = |event_s: f64| {
+        let near = |own: &Leaving| own.time_s > last_s && own.time_s < event_s + 0.1;
+        frames.iter().any(near)
+    };
+    let toe_habit = Habit {
+        mean: Vector3::new(config.toe_speed[0], config.toe_acceleration[0], 0.0),
+        sigma: Vector3::new(config.toe_speed[1], config.toe_acceleration[1], 1.0),
+    };
+    let toe_rows = |time_s: f64| rows(&frames, time_s, TOE_JERK, |own| own.toe);
+    let toe_off = between(expected.toe_off, [last_s, expected.latest_s], |t| {
+        fit(&toe_rows(t), &toe_habit).map(|motion| motion.log)
+    });
+    let heel_habit = Habit {
+        mean: Vector3::new(0.0, config.heel_lift_acceleration[0], 0.0),
+        sigma: Vector3::new(0.2, config.heel_lift_acceleration[1], 1.0),
+    };
+    // Later the foot turns otherwise.
+    let lifting: Vec<Leaving> = frames
+        .iter()
+        .copied()
+        .filter(|f| f.time_s < toe_off[0])
+        .collect();
+    let heel_off = between(
+        expected.heel_off,
+        [last_s - 0.5 * BEFORE_S, toe_off[0]],
+        |t| {
+            fit(&rows(&lifting, t, PITCH_JERK, |own| own.pitch), &heel_habit)
+                .map(|motion| motion.log)
+        },
+    );
+    let event = |[time_s, sigma_s]: [f64; 2], is_seen| Event {
+        time_s,
+        sigma_s,
+        is_seen,
+    };
+    let stride_s = expected.stride_s.unwrap_or(1.0);
+    Lift {
+        heel_off: event(heel_off, lifting.iter().any(|own| own.time_s > last_s)),
+        toe_off: event(toe_off, shown(toe_off[0])),
+        shares: expected.usual_toe_off_s.map(|usual_s| {
+            let lifted_s = heel_off[0] - own[index].heel_strike.time_s;
+            [(toe_off[0] - usual_s) / stride_s, lifted_s / stride_s]
+        }),
+        stride_s,
+    }
+}
+
+fn expected(
+    foot: &FootStances<'_>,
+    index: usize,
+    own: &[Strike],
+    other: &[Strike],
+    habit: &LiftHabit,
+) -> Expected {
+    let stance = &foot.stances[index];
+    let (strike, last_s) = (own[index].heel_strike, seconds(stance.times_ns[1]));
+    let next = own.get(index + 1).map(|next| next.heel_strike);
+    // Later ones are those of other steps.
+    let next = next.filter(|next| next.time_s - last_s < MAX_NEXT_S);
+    let stride_s = next.map(|next| next.time_s - strike.time_s);
+    let speed = next.zip(foot.stances.get(index + 1)).map(|(next, after)| {
+        let step = after.world_from_foot.translation() - stance.world_from_foot.translation();
+        step.norm() / (next.time_s - strike.time_s).max(0.1)
+    });
+    let latest_s = next.map_or(f64::INFINITY, |next| next.time_s - MIN_SWING_S);
+    let of_other = other.iter().map(|other| other.heel_strike);
+    let mut of_other = of_other.filter(|other| other.time_s > strike.time_s);
+    let [[later, later_sigma], [lift_share, lift_sigma]] = habit.shares;
+    let usual_share = bearing_share(speed.unwrap_or(1.2));
+    let share = usual_share + later;
+    let (toe_off, usual_toe_off_s) = match (stride_s, of_other.next()) {
+        (Some(stride_s), Some(other))
+            if other.time_s < latest_s && other.time_s < last_s + MAX_OTHER_S =>
+        {
+            let at = |share: f64| other.time_s + (share - 0.5) * stride_s;
+            let sigma_s = (later_sigma * stride_s).hypot(other.sigma_s);
+            ([at(share), sigma_s], Some(at(usual_share)))
+        }
+        (Some(stride_s), _) => {
+            let sigma_s = (2.0 * later_sigma * stride_s).hypot(strike.sigma_s);
+            ([strike.time_s + share * stride_s, sigma_s], None)
+        }
+        (None, _) => ([last_s + UNKNOWN_LIFT_S[0], UNKNOWN_LIFT_S[1]], None),
+    };
+    let heel_off = match stride_s {
+        Some(stride_s) => [strike.time_s + lift_share * stride_s, lift_sigma * stride_s],
+        None => [0.5 * (last_s + toe_off[0]), UNKNOWN_LIFT_S[1]],
+    };
+    Expected {
+        toe_off,
+        heel_off,
+        latest_s,
+        stride_s,
+        usual_toe_off_s,
+    }
+}
+
+/// A frame near the end of a stance: its time, s, the distance of the toe from where it rested, m,
+/// the pitch since then, heel up, rad, and the variances of both.
+#[derive(Clone, Copy)]
+struct Leaving {
+    time_s: f64,
+    toe: [f64; 2],
+    pitch: [f64; 2],
+}
+
+/// Frames from shortly before the end of a stance on, until the next foot flat.
+fn leaving(foot: &FootStances<'_>, stance: &Stance, latest_s: f64) -> Vec<Leaving> {
+    let toe = [foot.sole.toe_m, 0.0, 0.0];
+    let at_rest = Vector3::from(stance.world_from_foot.apply(toe));
+    let last_s = seconds(stance.times_ns[1]);
+    let end_s = (last_s + AFTER_S).min(latest_s);
+    let own = foot.observations[stance.observations.start..].iter();
+    own.skip_while(|own| seconds(own.time_ns) < last_s - BEFORE_S)
+        .take_while(|own| seconds(own.time_ns) < end_s)
+        .map(|own| {
+            let at = Vector3::from(own.world_from_foot.apply(toe));
+            let [x, y, _, _, pitch, _] = own.covariance.sigmas();
+            let turned = motion(&stance.world_from_foot, &own.world_from_foot);
+            Leaving {
+                time_s: seconds(own.time_ns),
+                toe: [
+                    (at - at_rest).norm(),
+                    x.max(y).powi(2) + TOE_SIGMA_M * TOE_SIGMA_M,
+                ],
+                pitch: [turned[4], pitch * pitch + PITCH_SIGMA * PITCH_SIGMA],
+            }
+        })
+        .take_while(|own| own.pitch[0] > -MAX_PITCH)
+        .collect()
+}
+
+/// What frames say of a motion that begins at a time: its speed and acceleration.
+fn rows(
+    frames: &[Leaving],
+    begin_s: f64,
+    jerk: f64,
+    value: impl Fn(&Leaving) -> [f64; 2],
+) -> Vec<Row> {
+    let of_frame = |own: &Leaving| {
+        let since = (own.time_s - begin_s).max(0.0);
+        let [value, variance] = value(own);
+        // The acceleration is constant for a tenth of a second only.
+        let model = jerk * since.powi(3) / 6.0;
+        Row {
+            factors: Vector3::new(since, 0.5 * since * since, 0.0),
+            value,
+            variance: variance + model * model,
+        }
+    };
+    frames.iter().map(of_frame).collect()
+}
+
+/// A normally distributed time between two limits, with the likelihood of what frames show: mean
+/// and standard deviation.
+fn between(
+    expected: [f64; 2],
+    [from_s, to_s]: [f64; 2],
+    log: impl Fn(f64) -> Option<f64>,
+) -> [f64; 2] {
+    let [time_s, sigma_s] = expected;
+    let to_s = to_s
+        .max(from_s + STEP_S)
+        .min(time_s.max(from_s) + 5.0 * sigma_s);
+    let count = ((to_s - from_s) / STEP_S).ceil().clamp(2.0, 2000.0);
+    let step_s = (to_s - from_s) / count;
+    let times: Vec<f64> = (0..count as usize)
+        .map(|n| from_s + (n as f64 + 0.5) * step_s)
+        .collect();
+    let logs: Vec<f64> = times
+        .iter()
+        .map(|t| log_normal(*t, expected) + log(*t).unwrap_or(f64::NEG_INFINITY))
+        .collect();
+    match weights(&logs) {
+        Some(weights) => {
+            let [mean, deviation] = moments(|k| times[k], &weights);
+            [mean, deviation.max(STEP_S)]
+        }
+        None => [from_s, sigma_s],
+    }
+}

@@ -1,0 +1,246 @@
+//! Heel strike and foot flat of a stance.
+//!
+//! Contract: before the strike the heel approaches the place where it then rests, and the foot has
+//! the pitch with which it strikes; after it the heel is there, and the pitch falls to zero until
+//! the whole sole bears. Speed and deceleration of the approach, pitch and duration of the roll are
+//! unknown within what is usual. The strike is the mean of its distribution over time.
+
+use nalgebra::Vector3;
+
+use super::times::{
+    Habit, Motion, Row, STEP_S, fit, log_normal, moments, typical, weights, without_prior,
+};
+use super::{Event, FootStances, seconds};
+use crate::config::EventConfig;
+use crate::poses::motion;
+use crate::stance::Stance;
+
+/// Error of a distance of the heel besides that of the pose, m, and of a pitch, rad: shoes bend and
+/// slide at the strike.
+const HEEL_SIGMA_M: f64 = 0.006;
+const PITCH_SIGMA: f64 = 0.02;
+/// Error of a time besides those: feet strike in other ways than this model's, s.
+const MODEL_SIGMA_S: f64 = 0.006;
+/// How much the pitch may differ from that of the strike before it, rad/s.
+const PITCH_RATE: f64 = 1.5;
+/// Least time from the last frame at rest to the next strike of the foot, s.
+const MIN_LIFTED_S: f64 = 0.3;
+/// Longest time for which a foot at rest is out of sight, s.
+const MAX_HIDDEN_S: f64 = 0.5;
+/// Time after the first frame at rest in which frames still tell the strike, s.
+const AFTER_S: f64 = 0.1;
+/// Durations of the roll that are tried, in its standard deviations.
+const ROLLS: [f64; 7] = [-1.8, -1.2, -0.6, 0.0, 0.6, 1.2, 1.8];
+/// Standard deviation of a strike whose motion is typical, s.
+const SURE_S: f64 = 0.02;
+
+#[derive(Clone, Debug)]
+pub(super) struct Strike {
+    pub(super) heel_strike: Event,
+    pub(super) foot_flat: Event,
+    /// Speed, deceleration, pitch.
+    motion: Motion,
+    /// Duration of the roll and its standard deviation, s.
+    roll_s: [f64; 2],
+}
+
+/// How a wearer usually strikes.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct StrikeHabit {
+    motion: Habit,
+    roll_s: [f64; 2],
+}
+
+impl StrikeHabit {
+    /// That of people.
+    pub(super) fn generic(config: &EventConfig) -> Self {
+        Self::of(config, |_, usual| {
+            typical([usual[0], usual[1]], usual[2], std::iter::empty())
+        })
+    }
+
+    /// That of a wearer, from strikes of which those that are sure count.
+    pub(super) fn learned<'a>(
+        strikes: impl Iterator<Item = &'a Strike>,
+        config: &EventConfig,
+    ) -> Self {
+        let sure: Vec<&Strike> = strikes
+            .filter(|own| own.heel_strike.is_seen && own.heel_strike.sigma_s < SURE_S)
+            .collect();
+        Self::of(config, |k, usual| {
+            let estimates = sure.iter().map(|own| match k {
+                3 => own.roll_s,
+                k => [own.motion.mean[k], own.motion.variance[k].sqrt()],
+            });
+            let prior = [usual[0], usual[1].hypot(usual[2])];
+            let estimates = estimates.filter_map(|own: [f64; 2]| without_prior(own, prior));
+            typical([usual[0], usual[1]], usual[2], estimates)
+        })
+    }
+
+    fn of(config: &EventConfig, habit: impl Fn(usize, [f64; 3]) -> [f64; 2]) -> Self {
+        let usual = [
+            config.strike_speed,
+            config.strike_deceleration,
+            config.strike_pitch,
+        ];
+        let [speed, deceleration, pitch] = [0, 1, 2].map(|k| habit(k, usual[k]));
+        Self {
+            motion: Habit {
+                mean: Vector3::new(speed[0], deceleration[0], pitch[0]),
+                sigma: Vector3::new(speed[1], deceleration[1], pitch[1]),
+            },
+            roll_s: habit(3, config.loading_s),
+        }
+    }
+}
+
+/// A frame near a strike: its time, s, the distance of the heel from where it then rests, m, the
+/// pitch relative to that, toe up, rad, and the variances of both.
+struct Approach {
+    time_s: f64,
+    heel: [f64; 2],
+    pitch: [f64; 2],
+}
+
+/// Heel strike and foot flat of a stance. What is known of the strike otherwise is a mean and a
+/// standard deviation, s.
+pub(super) fn strike(
+    foot: &FootStances<'_>,
+    index: usize,
+    prior: Option<[f64; 2]>,
+    habit: &StrikeHabit,
+    config: &EventConfig,
+) -> Strike {
+    let stance = &foot.stances[index];
+    let first_s = seconds(stance.times_ns[0]);
+    let last_s = match index.checked_sub(1) {
+        Some(previous) => seconds(foot.stances[previous].times_ns[1]),
+        None => f64::NEG_INFINITY,
+    };
+    let approach = approach(foot, stance, (last_s, first_s), config);
+    let is_seen = approach.iter().any(|own| own.time_s < first_s);
+    let [roll_s, roll_sigma_s] = habit.roll_s;
+    // A foot may be at rest out of sight for longer than its approach takes.
+    let reach_s = match is_seen {
+        true => config.max_approach_s,
+        false => MAX_HIDDEN_S,
+    };
+    let earliest_s =
+        (first_s - reach_s - roll_s).max((last_s + MIN_LIFTED_S).min(first_s - roll_s));
+    let times = (0..).map(|n| first_s - STEP_S * f64::from(n));
+    let times: Vec<f64> = times.take_while(|t| *t > earliest_s).collect();
+    let mut cases = Vec::with_capacity(times.len() * ROLLS.len());
+    for &time_s in &times {
+        let by_gait = prior.map_or(0.0, |prior| log_normal(time_s, prior));
+        for roll in ROLLS {
+            let seconds = (roll_s + roll * roll_sigma_s).max(0.02);
+            let rows = rows(&approach, [time_s, seconds]);
+            let Some(motion) = fit(&rows, &habit.motion) else {
+                continue;
+            };
+            // The foot is flat in the first frame of the stance, within what its tolerance hides.
+            let late = (time_s + seconds - first_s).max(0.0) / (0.5 * seconds);
+            let log = motion.log + by_gait - 0.5 * roll * roll - 0.5 * late * late;
+            cases.push((time_s, seconds, motion, log));
+        }
+    }
+    let logs: Vec<f64> = cases.iter().map(|own| own.3).collect();
+    let Some(weights) = weights(&logs) else {
+        return unknown(first_s, roll_s);
+    };
+    let event = |[time_s, sigma_s]: [f64; 2], is_seen| Event {
+        time_s,
+        sigma_s: sigma_s.hypot(MODEL_SIGMA_S),
+        is_seen,
+    };
+    let time = moments(|k| cases[k].0, &weights);
+    let flat = moments(|k| (cases[k].0 + cases[k].1).min(first_s), &weights);
+    let of = |of: fn(&Motion) -> Vector3<f64>| {
+        let terms = cases.iter().zip(&weights);
+        terms.fold(Vector3::zeros(), |sum, (case, w)| sum + of(&case.2) * *w)
+    };
+    let mean = of(|own| own.mean);
+    let squares = of(|own| own.variance + own.mean.component_mul(&own.mean));
+    Strike {
+        heel_strike: event(time, is_seen),
+        foot_flat: event([flat[0].max(time[0]), flat[1]], is_seen),
+        motion: Motion {
+            mean,
+            variance: squares - mean.component_mul(&mean),
+            log: 0.0,
+        },
+        roll_s: moments(|k| cases[k].1, &weights),
+    }
+}
+
+fn unknown(first_s: f64, roll_s: f64) -> Strike {
+    let event = |time_s| Event {
+        time_s,
+        sigma_s: roll_s,
+        is_seen: false,
+    };
+    Strike {
+        heel_strike: event(first_s - roll_s),
+        foot_flat: event(first_s),
+        motion: Motion::default(),
+        roll_s: [roll_s; 2],
+    }
+}
+
+/// Frames before a stance and in its first tenth of a second.
+fn approach(
+    foot: &FootStances<'_>,
+    stance: &Stance,
+    (not_before_s, first_s): (f64, f64),
+    config: &EventConfig,
+) -> Vec<Approach> {
+    let heel = [-foot.sole.heel_m, 0.0, 0.0];
+    let at_rest = Vector3::from(stance.world_from_foot.apply(heel));
+    let begin_s = not_before_s.max(first_s - config.max_approach_s);
+    let until = foot.observations[..stance.observations.end].iter().rev();
+    let mut frames: Vec<Approach> = until
+        .take_while(|own| seconds(own.time_ns) > begin_s)
+        .filter(|own| seconds(own.time_ns) < first_s + AFTER_S)
+        .map(|own| {
+            let at = Vector3::from(own.world_from_foot.apply(heel));
+            let [x, y, _, _, pitch, _] = own.covariance.sigmas();
+            let turned = motion(&stance.world_from_foot, &own.world_from_foot);
+            Approach {
+                time_s: seconds(own.time_ns),
+                heel: [
+                    (at - at_rest).norm(),
+                    x.max(y).powi(2) + HEEL_SIGMA_M * HEEL_SIGMA_M,
+                ],
+                pitch: [-turned[4], pitch * pitch + PITCH_SIGMA * PITCH_SIGMA],
+            }
+        })
+        // No foot is faster: a mismatch.
+        .filter(|own| own.heel[0] < 0.05 + config.max_speed * (first_s - own.time_s).max(0.0))
+        .collect();
+    frames.reverse();
+    frames
+}
+
+/// What frames say of the speed and the deceleration of the approach, and of the pitch at the
+/// strike, for a time of the strike and a duration of the roll.
+fn rows(approach: &[Approach], [strike_s, roll_s]: [f64; 2]) -> Vec<Row> {
+    let of_frame = |own: &Approach| {
+        let left = (strike_s - own.time_s).max(0.0);
+        let rolled = ((own.time_s - strike_s) / roll_s).clamp(0.0, 1.0);
+        let pitch = 1.0 - rolled * rolled * (3.0 - 2.0 * rolled);
+        [
+            Row {
+                factors: Vector3::new(left, 0.5 * left * left, 0.0),
+                value: own.heel[0],
+                variance: own.heel[1],
+            },
+            Row {
+                factors: Vector3::new(0.0, 0.0, pitch),
+                value: own.pitch[0],
+                variance: own.pitch[1] + (PITCH_RATE * left).powi(2),
+            },
+        ]
+    };
+    approach.iter().flat_map(of_frame).collect()
+}
