@@ -188,7 +188,7 @@ fn maps_outside_the_format_are_refused() {
             "cell 3: [inf",
             "normal.npy",
         ),
-        (|l| l.flags[3] = 33, "cell 3: 33", "flags.npy"),
+        (|l| l.flags[3] = 65, "cell 3: 65", "flags.npy"),
         (
             |l| l.flags[3] = maps::EDGE,
             "an elevation where the flags",
