@@ -32,8 +32,8 @@ use crate::scene::{Kind, Lighting, Scene, Scenery};
 use crate::targets::board::{Board, Sheet};
 use crate::targets::observations::TargetObservations;
 use crate::targets::{self, Plan};
-use crate::walker::gait_model::GaitModel;
-use crate::walker::{GaitProfile, Walker};
+use crate::walker::Walker;
+use crate::walker::gait_model::{self, GaitModel};
 
 mod frame_renderer;
 mod ground_truth;
@@ -309,7 +309,7 @@ impl Simulation {
             seconds,
             ..
         } = *settings;
-        let profile = GaitProfile::of(seed, gait);
+        let profile = gait_model::profile(seed, gait);
         let scene = Scene::with_tags(kind, lighting, seed, &profile, &tags, faults);
         let walker = match gait {
             Some(gait) => Walker::with_gait(&scene, seed, seconds, gait),

@@ -5,7 +5,9 @@
 //! flat phases of [`Footfall`]s feet move smoothly; in a flat phase they are at rest. Time is in
 //! seconds from standing still; the first step follows within a second.
 
+mod curves;
 mod foot_motion;
+mod foot_state;
 pub mod gait;
 pub mod gait_model;
 pub mod path;
@@ -17,7 +19,9 @@ use std::sync::Arc;
 
 use nalgebra::{UnitQuaternion, Vector3};
 
+use self::curves::{running_share, smooth, vigour};
 use self::foot_motion::{Avoidance, avoid, standing, swinging};
+pub use self::foot_state::{FootState, Phase};
 pub use self::gait::Footfall;
 use self::gait_model::{FootMotion, GaitModel};
 use self::path::Path;
@@ -38,10 +42,6 @@ const CHEST_HEIGHT_M: f64 = 1.3;
 const CHEST_AHEAD_M: f64 = 0.14;
 /// Position of a person who carries the rig in his hands, m.
 const CARRIER_X: f64 = -0.6;
-/// From the strike until the whole sole is down, s.
-pub(crate) const ROLL_DOWN_S: f64 = 0.08;
-/// From heel lift until toe-off, s.
-pub(crate) const ROLL_OFF_S: f64 = 0.2;
 /// Duration of a slide of a foot, s.
 const SLIDE_S: f64 = 0.15;
 /// Depth of the crouch before and after a jump, m, and its duration, s.
@@ -61,42 +61,6 @@ pub struct Walker {
     motions: [Vec<Option<Arc<dyn FootMotion>>>; 2],
     faults: WearerFaults,
     seconds: f64,
-}
-
-/// Pose of a foot.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct FootState {
-    /// Middle of the sole, in the world, m.
-    pub position: Vector3<f64>,
-    /// Maps the foot frame (x forward, y left, z up from the sole) to the world.
-    pub rotation: UnitQuaternion<f64>,
-    /// What bears on the ground.
-    pub phase: Phase,
-}
-
-/// Part of a sole that bears on the ground.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Phase {
-    /// From heel strike to foot flat: the foot rolls over the heel.
-    Heel,
-    /// From foot flat to heel off: the whole sole, at rest.
-    Flat,
-    /// From heel off to toe off: the foot rolls over the toe.
-    Toe,
-    /// From toe off to heel strike: nothing.
-    Swing,
-}
-
-impl Phase {
-    /// `heel`, `flat`, `toe` or `swing`.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Heel => "heel",
-            Self::Flat => "flat",
-            Self::Toe => "toe",
-            Self::Swing => "swing",
-        }
-    }
 }
 
 impl Walker {
@@ -122,7 +86,7 @@ impl Walker {
         faults: &WearerFaults,
         gait: Option<&dyn GaitModel>,
     ) -> Self {
-        let profile = GaitProfile::of(seed, gait);
+        let profile = gait_model::profile(seed, gait);
         let path = Path::closed(&scene.route.points);
         // Slightly longer than required, so that the end is not an edge.
         let progress = Progress::new(&scene.route.legs, seconds + 2.0, &faults.jumps());
@@ -227,7 +191,7 @@ impl Walker {
     fn modelled(&self, side: Side, at: usize, time_s: f64) -> Option<FootState> {
         let fall = &self.falls[side as usize][at];
         let motions = &self.motions[side as usize];
-        let (flat_from, flat_to) = Self::flat_phase(fall);
+        let (flat_from, flat_to) = fall.flat_phase();
         let motion = match time_s {
             t if t < flat_from => motions.get(at.checked_sub(1)?)?,
             t if t > flat_to => motions.get(at)?,
@@ -248,7 +212,7 @@ impl Walker {
     /// A footfall where slides and yielding ground have moved it until a time.
     fn displaced(&self, fall: &Footfall, time_s: f64) -> Footfall {
         let strength = |kind| self.faults.strength(kind, fall.side, fall.strike_s);
-        let (flat, _) = Self::flat_phase(fall);
+        let (flat, _) = fall.flat_phase();
         let slide = strength(Kind::FootSlip) * smooth((time_s - flat) / SLIDE_S);
         let sunk =
             strength(Kind::SoftGround) * smooth((time_s - fall.strike_s) / (flat - fall.strike_s));
@@ -257,14 +221,6 @@ impl Walker {
             position: fall.position + forward * slide - Vector3::z() * sunk,
             ..*fall
         }
-    }
-
-    /// Time span in which a footfall's whole sole is down and at rest, s; empty in a quick run.
-    pub fn flat_phase(fall: &Footfall) -> (f64, f64) {
-        let length = fall.off_s - fall.strike_s;
-        let [down, off] = fall.rolls_s;
-        let (down, off) = (down.min(0.25 * length), off.min(0.45 * length));
-        (fall.strike_s + down, fall.off_s - off)
     }
 }
 
@@ -287,17 +243,6 @@ fn parted(fall: Footfall, jumps: &[Jump]) -> Vec<Footfall> {
         }
     }
     parts
-}
-
-/// 0 to 1 with no speed and no acceleration at the ends.
-fn smooth(t: f64) -> f64 {
-    let t = t.clamp(0.0, 1.0);
-    t * t * t * (10.0 + t * (6.0 * t - 15.0))
-}
-
-/// Fraction of the usual roll of a foot at a speed.
-fn vigour(speed: f64) -> f64 {
-    (speed / 1.3).clamp(0.0, 1.2)
 }
 
 /// Motion of the chest over the footfalls.
@@ -324,7 +269,7 @@ fn chest(
         let ([x, y], [dx, dy]) = path.at(gone);
         let (phase, level) = stride(falls, t);
         let g = lively(t).min(1.8);
-        let run = gait::running_share(1.35 * lively(t));
+        let run = running_share(1.35 * lively(t));
         let turn = 2.0 * std::f64::consts::PI * phase;
         let (s1, c1) = (libm::sin(0.5 * turn), libm::cos(0.5 * turn));
         let c2 = libm::cos(turn - 2.0 * run);

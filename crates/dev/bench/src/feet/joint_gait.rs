@@ -18,7 +18,7 @@ use std::sync::Arc;
 use nalgebra::{UnitQuaternion, Vector3};
 use rig_sim::walker::gait::GroundFn;
 use rig_sim::walker::gait_model::{FootMotion, GaitModel};
-use rig_sim::walker::{Footfall, GaitProfile, Side, Walker};
+use rig_sim::walker::{Footfall, GaitProfile, Side};
 
 /// Samples of a cycle, every 5 %.
 const SAMPLES: usize = 20;
@@ -163,8 +163,8 @@ impl Step {
         let mut step = Self {
             from: *from,
             to: *to,
-            flat_to_s: Walker::flat_phase(from).1,
-            flat_from_s: Walker::flat_phase(to).0,
+            flat_to_s: from.flat_phase().1,
+            flat_from_s: to.flat_phase().0,
             excursions: [
                 wearer.excursions[0] * long * vary(3, 0.05),
                 wearer.excursions[1] * (0.55 + 0.45 * long) * vary(4, 0.05),

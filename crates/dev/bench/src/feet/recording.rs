@@ -20,7 +20,7 @@ use nalgebra::{UnitQuaternion, Vector3};
 use rig_sim::camera::Shutter;
 use rig_sim::scene::wearer::Part;
 use rig_sim::simulation::{FrameSource as _, GroundTruth, Simulation, seconds};
-use rig_sim::walker::{Footfall, Phase, Side, Walker};
+
 use rustix::time::ClockId;
 use serde::{Deserialize, Serialize};
 
@@ -224,7 +224,7 @@ fn contacts(simulation: &Simulation, foot: usize) -> Result<Vec<TrueContact>> {
     let falls = simulation.walker().contacts(SIDES[foot]).iter();
     falls
         .map(|fall: &Footfall| {
-            let (flat_s, heel_off_s) = Walker::flat_phase(fall);
+            let (flat_s, heel_off_s) = fall.flat_phase();
             Ok(TrueContact {
                 strike_s: fall.strike_s,
                 flat_s,

@@ -8,7 +8,7 @@ use nalgebra::{UnitQuaternion, Vector3};
 use crate::camera::sensor::Tone;
 use crate::scene::Scenery;
 use crate::simulation::{EyeDifference, Imaging, RigImu, Simulation, seconds};
-use crate::walker::{Footfall, Phase, Side, Walker};
+use crate::walker::{Footfall, Phase, Side};
 
 /// Poses of a foot per second.
 const FOOT_RATE_HZ: i64 = 200;
@@ -139,7 +139,7 @@ pub(crate) fn contacts(simulation: &Simulation, begin_ns: i64) -> String {
     falls.sort_by(|a, b| a.strike_s.total_cmp(&b.strike_s));
     for fall in falls {
         let side = fall.side.name();
-        let (flat, heel_off) = Walker::flat_phase(fall);
+        let (flat, heel_off) = fall.flat_phase();
         let times = [fall.strike_s, flat, heel_off, fall.off_s];
         let times = times.map(|time_s| match time_s.is_finite() {
             true => format!("{}", begin_ns + (time_s * 1e9).round() as i64),

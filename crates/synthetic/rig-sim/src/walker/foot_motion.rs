@@ -7,8 +7,9 @@
 
 use nalgebra::{UnitQuaternion, Vector3};
 
-use super::gait::{self, Footfall, GroundFn, HEEL_X, TIP_X, TOE_X};
-use super::{FootState, Phase, Walker, smooth, vigour};
+use super::curves::{running_share, smooth, vigour};
+use super::foot_state::{FootState, Phase};
+use super::gait::{Footfall, GroundFn, HEEL_X, TIP_X, TOE_X};
 use cad_transforms::so3;
 
 /// Pitch rate at toe-off relative to the mean rate of the roll-off, and its maximum, rad/s.
@@ -58,13 +59,13 @@ fn rolled(fall: &Footfall, pivot_x: f64, pitch: f64) -> (Vector3<f64>, UnitQuate
 
 /// Pitch rate at the end of a roll-off, rad/s.
 fn off_rate(fall: &Footfall) -> f64 {
-    let seconds = fall.off_s - Walker::flat_phase(fall).1;
+    let seconds = fall.off_s - fall.flat_phase().1;
     (OFF_RATE_RATIO * fall.off_pitch_rad / seconds).min(MAX_OFF_RATE)
 }
 
 /// A foot on the ground.
 pub(super) fn standing(fall: &Footfall, time_s: f64) -> FootState {
-    let (flat_from, flat_to) = Walker::flat_phase(fall);
+    let (flat_from, flat_to) = fall.flat_phase();
     let (position, rotation, phase) = if time_s < flat_from {
         let t = (time_s - fall.strike_s) / (flat_from - fall.strike_s);
         let (p, r) = rolled(fall, HEEL_X, fall.strike_pitch_rad * (1.0 - smooth(t)));
@@ -95,7 +96,7 @@ fn height_above_lowest_point(pitch: f64, toe_x: f64) -> f64 {
 
 /// Clearance of the lowest point of the sole over flat ground, m.
 fn clearance(to: &Footfall, t: f64) -> f64 {
-    let running = RUNNING_CLEARANCE_M * gait::running_share(to.speed);
+    let running = RUNNING_CLEARANCE_M * running_share(to.speed);
     let hump = (t / 0.2 * (1.0 - t / 0.4).max(0.0)).min(1.0);
     (to.clearance_m + running) * smooth(t / 0.25) * smooth((1.0 - t) / 0.2)
         + HUMP_M * vigour(to.speed) * hump * hump

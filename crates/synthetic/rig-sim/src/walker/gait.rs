@@ -8,13 +8,17 @@
 
 use nalgebra::{UnitQuaternion, Vector3};
 
+use super::curves::{running_share, vigour};
 use super::path::Path;
 use super::profile::{GaitProfile, StepVariation};
 use super::progress::Progress;
 use super::side::Side;
-use super::{ROLL_DOWN_S, ROLL_OFF_S, vigour};
 use cad_transforms::so3;
 
+/// From the strike until the whole sole is down, s.
+const ROLL_DOWN_S: f64 = 0.08;
+/// From heel lift until toe-off, s.
+const ROLL_OFF_S: f64 = 0.2;
 /// Heel of the sole, m in front of its middle.
 pub(crate) const HEEL_X: f64 = -0.13;
 /// Axis of the roll-off, m: near the toe, since this sole does not bend.
@@ -74,6 +78,14 @@ pub struct Footfall {
 }
 
 impl Footfall {
+    /// Time span in which the whole sole is down and at rest, s; empty in a quick run.
+    pub fn flat_phase(&self) -> (f64, f64) {
+        let length = self.off_s - self.strike_s;
+        let [down, off] = self.rolls_s;
+        let (down, off) = (down.min(0.25 * length), off.min(0.45 * length));
+        (self.strike_s + down, self.off_s - off)
+    }
+
     /// A foot that stands flat from the beginning to the end.
     pub(crate) fn at_rest(
         side: Side,
@@ -115,12 +127,6 @@ impl Footfall {
 
 /// Height of the ground under a point, looking down from a height.
 pub type GroundFn<'a> = dyn Fn(f64, f64, f64) -> Option<f64> + 'a;
-
-/// 0 for walking, 1 for running.
-pub(crate) fn running_share(speed: f64) -> f64 {
-    let t = ((speed - 1.8) / 0.5).clamp(0.0, 1.0);
-    t * t * (3.0 - 2.0 * t)
-}
 
 /// All footfalls from standing at time 0 until `seconds`, in the order of their strikes.
 pub fn plan(

@@ -36,3 +36,9 @@ pub trait FootMotion: fmt::Debug + Send + Sync {
     /// Middle of the sole in the world, m, and the rotation from the foot frame, at a time, s.
     fn pose(&self, time_s: f64) -> (Vector3<f64>, UnitQuaternion<f64>);
 }
+
+/// The person that a seed draws, or that of a gait model.
+pub(crate) fn profile(seed: u64, gait: Option<&dyn GaitModel>) -> GaitProfile {
+    let drawn = GaitProfile::draw(seed);
+    gait.map_or(drawn, |gait| gait.profile(drawn))
+}

@@ -4,8 +4,7 @@
 //! heights, by dynamic similarity (Alexander and Jayes 1983); the share of stance falls with speed
 //! (Kirtley et al. 1985); toe clearance at mid-swing is 19 ± 5 mm (Moosabhoy and Gard 2006).
 
-use super::gait::running_share;
-use super::gait_model::GaitModel;
+use super::curves::running_share;
 use crate::random;
 
 /// Body height of the wearer whose limbs have the lengths of [`crate::scene::wearer`], m.
@@ -75,12 +74,6 @@ impl GaitProfile {
             toe_clearance_m: around(8, 0.019, 0.004),
             hem_m: around(9, 0.08, 0.01),
         }
-    }
-
-    /// The person that a seed draws, or that of a gait model.
-    pub(crate) fn of(seed: u64, gait: Option<&dyn GaitModel>) -> Self {
-        let drawn = Self::draw(seed);
-        gait.map_or(drawn, |gait| gait.profile(drawn))
     }
 
     /// Lengths relative to those of [`crate::scene::wearer`].

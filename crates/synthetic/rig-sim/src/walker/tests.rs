@@ -259,7 +259,7 @@ fn feet_slide_and_sink_in_every_stance() {
     for side in [Side::Left, Side::Right] {
         let falls = exact.contacts(side);
         for (fall, next) in falls.iter().zip(&falls[1..]) {
-            let (flat, heel_off) = Walker::flat_phase(fall);
+            let (flat, heel_off) = fall.flat_phase();
             let acts = fall.strike_s >= 3.0;
             let moved = slides.foot(side, heel_off).position - exact.foot(side, heel_off).position;
             let expected = if acts { 0.05 } else { 0.0 };

@@ -49,7 +49,7 @@ fn feet_are_still_while_flat_and_no_sole_is_below_the_ground() {
         for side in [Side::Left, Side::Right] {
             let falls = walker.contacts(side);
             for (fall, next) in falls.iter().zip(&falls[1..]) {
-                let (from_s, to_s) = Walker::flat_phase(fall);
+                let (from_s, to_s) = fall.flat_phase();
                 let middle = walker.foot(side, 0.5 * (from_s.max(0.0) + to_s));
                 assert!((middle.position - fall.position).norm() < 1e-12);
                 let mut lowest = f64::INFINITY;
