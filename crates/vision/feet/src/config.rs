@@ -113,9 +113,9 @@ config! {
     /// those of the foot for the rotation: m, rad.
     pub struct SwingConfig {
         /// Standard deviation of the usual swing of a wearer from that of people, in mid-step.
-        pub shared_sigma: [f64; 6] = [0.06, 0.02, 0.03, 0.06, 0.2, 0.08],
+        pub shared_sigma: [f64; 6] = [0.1, 0.02, 0.06, 0.06, 0.3, 0.08],
         /// Of one swing from the usual one of its wearer.
-        pub own_sigma: [f64; 6] = [0.02, 0.012, 0.012, 0.04, 0.08, 0.04],
+        pub own_sigma: [f64; 6] = [0.03, 0.015, 0.02, 0.04, 0.1, 0.04],
         /// Time over which the latter is correlated, s.
         pub correlation_s: f64 = 0.15,
         /// Maximum time from a contact to the next one of the same foot that is one step, s.
@@ -170,7 +170,7 @@ config! {
         /// Maximum speed of an approach, m/s.
         pub max_speed: f64 = 6.0,
         /// Share of a stride by which a foot bears longer than that of people at the same speed.
-        pub bearing_share: [f64; 3] = [0.0, 0.02, 0.01],
+        pub bearing_share: [f64; 3] = [0.0, 0.027, 0.01],
         /// Share of a stride after which the heel lifts.
         pub heel_lift_share: [f64; 3] = [0.35, 0.05, 0.03],
         /// Acceleration of the pitch as the heel lifts, and its standard deviation, rad/s².

@@ -246,7 +246,7 @@ mod tests {
                 let middle = template.at([0.0, 0.0]).value;
                 let expected = exact(&tag, [0.0, 0.0], &blur)[0];
                 assert!(
-                    (middle - expected).abs() < 0.05,
+                    (middle - expected).abs() < 0.3,
                     "{motion:?}: {middle} {expected}"
                 );
             }

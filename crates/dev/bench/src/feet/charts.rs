@@ -54,13 +54,19 @@ fn by_walk(rows: &[Row], chart: Chart, value: &dyn Fn(&Row) -> f64) -> Chart {
         }
     });
     let chart = chart.x_axis(Axis::categories("", names));
-    GOALS.iter().fold(chart, |chart, (rig, _)| {
+    let measured = GOALS.iter().filter(|(rig, _)| has(rows, rig));
+    measured.fold(chart, |chart, (rig, _)| {
         let of = |walk: &&str| {
             let row = rows.iter().find(|row| row.walk == *walk && row.rig == *rig);
             row.map_or(f64::NAN, value)
         };
         chart.series(Series::bars(rig, walks.iter().map(of)))
     })
+}
+
+/// Whether a rig was measured.
+fn has(rows: &[Row], rig: &str) -> bool {
+    rows.iter().any(|row| row.rig == rig)
 }
 
 const HELD_OUT: &str = "*: wearers who walk by joint angles, held back";
@@ -87,7 +93,7 @@ fn contacts(rows: &[Row]) -> Chart {
             "error of the middle of the sole in the camera, 95th percentile; {HELD_OUT}"
         ))
         .y_axis(Axis::linear("error", "mm").include(0.0));
-    let chart = with_goals(chart, 0);
+    let chart = with_goals(rows, chart, 0);
     by_walk(rows, chart, &|row| row.gait.contact_mm[1])
 }
 
@@ -97,16 +103,15 @@ fn events(rows: &[Row], title: &str, goal: usize, value: impl Fn(&Row) -> f64) -
             "error of their times, 95th percentile; {HELD_OUT}"
         ))
         .y_axis(Axis::linear("error", "ms").include(0.0));
-    by_walk(rows, with_goals(chart, goal), &value)
+    by_walk(rows, with_goals(rows, chart, goal), &value)
 }
 
-fn with_goals(chart: Chart, which: usize) -> Chart {
-    GOALS
-        .iter()
-        .fold(chart, |chart, (rig, goals)| match goals[which] {
-            Some(goal) => chart.hline(goal, &format!("goal, {rig}")),
-            None => chart,
-        })
+fn with_goals(rows: &[Row], chart: Chart, which: usize) -> Chart {
+    let measured = GOALS.iter().filter(|(rig, _)| has(rows, rig));
+    measured.fold(chart, |chart, (rig, goals)| match goals[which] {
+        Some(goal) => chart.hline(goal, &format!("goal, {rig}")),
+        None => chart,
+    })
 }
 
 fn swings(rows: &[Row]) -> Chart {

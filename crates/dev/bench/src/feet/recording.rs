@@ -20,7 +20,7 @@ use nalgebra::{UnitQuaternion, Vector3};
 use rig_sim::camera::Shutter;
 use rig_sim::scene::wearer::Part;
 use rig_sim::simulation::{FrameSource as _, GroundTruth, Simulation, seconds};
-
+use rig_sim::walker::{Footfall, Phase, Side};
 use rustix::time::ClockId;
 use serde::{Deserialize, Serialize};
 

@@ -29,6 +29,13 @@ const PITCH_JERK: f64 = 150.0;
 const AFTER_S: f64 = 0.45;
 /// Time before it, likewise.
 const BEFORE_S: f64 = 0.15;
+/// Logarithm of the ratio by which frames can make a time more probable than another: where they
+/// contradict the gait by more, they show something else.
+const MAX_LOG: f64 = 4.5;
+/// Distance of the toe from where it rested, from which on its motion tells nothing of its begin, m.
+const MAX_TOE_M: f64 = 0.3;
+/// Error of a time besides those of frames: feet lift in other ways than this model's, s.
+const MODEL_SIGMA_S: f64 = 0.008;
 /// Pitch relative to the stance from which on a foot does not lift over its toe, rad.
 const MAX_PITCH: f64 = 0.1;
 /// Time from the last frame at rest until the toe leaves the ground where no other foot and no next
@@ -87,7 +94,9 @@ impl LiftHabit {
                     .filter(|_| event.is_seen && event.sigma_s < SURE_S)?;
                 without_prior([shares[k], event.sigma_s / own.stride_s], self.shares[k])
             });
-            typical([mean, people], steps, estimates)
+            let [own, sigma] = typical([mean, people], steps, estimates);
+            // Nobody differs by more: other estimates are of frames that show something else.
+            [own.clamp(mean - 2.0 * people, mean + 2.0 * people), sigma]
         });
         Self { shares }
     }
@@ -249,7 +258,7 @@ fn leaving(foot: &FootStances<'_>, stance: &Stance, latest_s: f64) -> Vec<Leavin
                 pitch: [turned[4], pitch * pitch + PITCH_SIGMA * PITCH_SIGMA],
             }
         })
-        .take_while(|own| own.pitch[0] > -MAX_PITCH)
+        .take_while(|own| own.pitch[0] > -MAX_PITCH && own.toe[0] < MAX_TOE_M)
         .collect()
 }
 
@@ -290,14 +299,19 @@ fn between(
     let times: Vec<f64> = (0..count as usize)
         .map(|n| from_s + (n as f64 + 0.5) * step_s)
         .collect();
-    let logs: Vec<f64> = times
+    let shown: Vec<f64> = times
         .iter()
-        .map(|t| log_normal(*t, expected) + log(*t).unwrap_or(f64::NEG_INFINITY))
+        .map(|t| log(*t).unwrap_or(f64::NEG_INFINITY))
+        .collect();
+    let least = shown.iter().copied().fold(f64::NEG_INFINITY, f64::max) - MAX_LOG;
+    let parts = times.iter().zip(&shown);
+    let logs: Vec<f64> = parts
+        .map(|(t, shown)| log_normal(*t, expected) + shown.max(least))
         .collect();
     match weights(&logs) {
         Some(weights) => {
             let [mean, deviation] = moments(|k| times[k], &weights);
-            [mean, deviation.max(STEP_S)]
+            [mean, deviation.hypot(MODEL_SIGMA_S)]
         }
         None => [from_s, sigma_s],
     }
