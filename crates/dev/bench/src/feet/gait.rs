@@ -199,11 +199,9 @@ fn drop_swings(
             .each_ref()
             .map(|hidden| -> Vec<i64> { hidden.iter().map(|own| own.time_ns).collect() });
         let poses = poses(&kept, &again, times.each_ref().map(Vec::as_slice));
-        for foot in 0..2 {
-            for pose in poses[foot]
-                .iter()
-                .filter(|pose| pose.status != FootStatus::Lost)
-            {
+        for (foot, poses) in poses.iter().enumerate() {
+            let known = poses.iter().filter(|pose| pose.status != FootStatus::Lost);
+            for pose in known {
                 let frame = recording.frames.iter().find(|f| f.time_ns == pose.time_ns);
                 if let Some(frame) = frame.filter(|frame| !frame.feet[foot].is_flat) {
                     errors.add(&frame.feet[foot], pose);

@@ -142,7 +142,7 @@ impl Recording {
             let time_ns = settings.frame_ns(number);
             let image = renderer.render_frame(number, time_ns);
             let mut truth = frame_truth(&simulation, &mut ground_truth, time_ns)?;
-            truth.exposure_ms = 1e3 * f64::from(image.exposure.seconds);
+            truth.exposure_ms = 1e3 * image.exposure.seconds;
             let grays = [image.gray(0), image.gray(1)];
             let [width, height] = rig.size.map(|size| size as usize);
             let views = grays
@@ -153,7 +153,7 @@ impl Recording {
                 camera: 0,
                 time_ns,
                 images: views,
-                exposure_s: f64::from(image.exposure.seconds),
+                exposure_s: image.exposure.seconds,
                 rig: Some(RigState {
                     world_from_rig: truth.world_from_rig,
                     motion: Motion {
@@ -176,6 +176,7 @@ impl Recording {
 }
 
 /// Processor time of this thread, ms.
+#[expect(clippy::disallowed_methods, reason = "a benchmark measures time")]
 fn thread_ms() -> f64 {
     let time = rustix::time::clock_gettime(ClockId::ThreadCPUTime);
     1e3 * time.tv_sec as f64 + 1e-6 * time.tv_nsec as f64
@@ -269,12 +270,14 @@ fn frame_truth(
         Ok::<_, anyhow::Error>(world_from_rig.inverse() * transform(&position, &rotation)?)
     };
     let mut visible = [[0.0; 2]; 2];
-    for eye in 0..2 {
+    let mut eye = |eye: usize| {
         let truth = ground_truth.render(eye, time_ns);
         for tag in ground_truth.tags(eye, &truth) {
             visible[tag.id][eye] = tag.visible_share;
         }
-    }
+    };
+    eye(0);
+    eye(1);
     let foot = |foot: usize| true_pose(simulation, foot, seconds(time_ns));
     Ok(FrameTruth {
         time_ns,
