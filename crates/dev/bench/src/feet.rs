@@ -10,10 +10,10 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, Result, bail};
 use rig_sim::scene::Lighting;
-use serde::{Deserialize, Serialize};
 use serde_json::json;
 
 use self::recording::Recording;
+use self::row::Row;
 use self::walks::{FeetRig, RIGS, TUNING, WALKS, Walk};
 use crate::odometry::results;
 use crate::stamp;
@@ -23,6 +23,7 @@ mod detections;
 mod gait;
 mod joint_gait;
 mod recording;
+mod row;
 mod statistics;
 mod walks;
 
@@ -76,23 +77,12 @@ impl Options {
     }
 }
 
-/// Results of a walk with a rig, or of several walks.
-#[derive(Clone, Debug, Serialize, Deserialize)]
-struct Row {
-    rig: String,
-    walk: String,
-    is_held_out: bool,
-    is_day: bool,
-    tags: Option<detections::Row>,
-    gait: gait::Row,
-}
-
 /// Runs the benchmark: `[--quick] [--reuse] [--recorded] [--tuning] [--only RIG]
 /// [--walk NAME] [--out DIR]`.
 ///
-/// With `--reuse` recordings of earlier runs are not rendered again; with `--recorded` walks without
-/// one are left out. With `--tuning` it runs on the
-/// walks that the estimator is developed with, and writes nothing.
+/// With `--reuse` recordings of earlier runs are not rendered again; with `--recorded` walks
+/// without one are left out. With `--tuning` it runs on the walks that the estimator is developed
+/// with, and writes nothing.
 ///
 /// # Errors
 /// Bad arguments, or an I/O error.

@@ -60,7 +60,8 @@ config! {
         pub whole_share: f64 = 0.95,
         /// Angular rate of a foot, for the same choice, rad/s.
         pub turn_rate: f64 = 2.5,
-        /// Maximum cost of a rotation from frame to frame: feet may turn fast where none shows them.
+        /// Maximum cost of a rotation from frame to frame: feet may turn fast where none shows
+        /// them.
         pub max_change_cost: f64 = 16.0,
     }
 

@@ -2,14 +2,16 @@
 //!
 //! Contract: each event has a standard deviation and says whether images show it or it follows from
 //! the gait. Heel strikes come from the approach of the heel to where it then rests and from the
-//! pitch of the foot, see [`strike`](self::strike); one that no frame shows is in the middle between
-//! those of the same and the other foot, and some time before the lift of that. Toe offs come from the toe where frames show it leave, and from the
-//! strike of the other foot, see [`lift`](self::lift). What is typical of the wearer's steps is
-//! learned from those that are seen well, and then used for the others.
+//! pitch of the foot, see [`strike`](self::strike); one that no frame shows is in the middle
+//! between those of the same and the other foot, and some time before the lift of that. Toe offs
+//! come from the toe where frames show it leave, and from the strike of the other foot, see
+//! [`lift`](self::lift). What is typical of the wearer's steps is learned from those that are seen
+//! well, and then used for the others.
 
 use crate::config::EventConfig;
-use crate::stance::{FootObservation, Stance};
-use crate::swing::SoleEdges;
+use crate::contact::seconds;
+pub use crate::contact::{Contact, Event, FootStances};
+use crate::stance::Stance;
 
 mod lift;
 mod strike;
@@ -17,43 +19,6 @@ mod times;
 
 use self::lift::{Lift, LiftHabit, bearing_share, lift};
 use self::strike::{Strike, StrikeHabit, strike};
-
-/// An instant of a contact.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Event {
-    /// Its time, s, from the same zero as that of observations.
-    pub time_s: f64,
-    /// Standard deviation of that, s.
-    pub sigma_s: f64,
-    /// Whether images show it.
-    pub is_seen: bool,
-}
-
-/// A contact of a foot with the ground.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Contact {
-    /// The foot at rest.
-    pub stance: Stance,
-    /// First contact, of the heel.
-    pub heel_strike: Event,
-    /// From here on the whole sole bears.
-    pub foot_flat: Event,
-    /// The heel lifts.
-    pub heel_off: Event,
-    /// Last contact, of the toe.
-    pub toe_off: Event,
-}
-
-/// What is seen of one foot.
-#[derive(Clone, Copy, Debug)]
-pub struct FootStances<'a> {
-    /// Its poses in frames, in order of time.
-    pub observations: &'a [FootObservation],
-    /// Its stances, see [`stances`](crate::stance::stances).
-    pub stances: &'a [Stance],
-    /// The edges of its sole.
-    pub sole: SoleEdges,
-}
 
 /// The contacts of both feet, left and right, from their stances.
 pub fn contacts(feet: [FootStances<'_>; 2], config: &EventConfig) -> [Vec<Contact>; 2] {
@@ -179,10 +144,6 @@ fn product(a: Option<[f64; 2]>, b: Option<[f64; 2]>) -> Option<[f64; 2]> {
     };
     let [p, q] = [a, b].map(|own| own[1].powi(-2));
     Some([(a[0] * p + b[0] * q) / (p + q), 1.0 / (p + q).sqrt()])
-}
-
-fn seconds(ns: i64) -> f64 {
-    1e-9 * ns as f64
 }
 
 #[cfg(test)]

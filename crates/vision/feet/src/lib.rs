@@ -9,6 +9,7 @@
 //! than gray ones.
 
 mod config;
+mod contact;
 mod deviation;
 pub mod events;
 pub mod observation;

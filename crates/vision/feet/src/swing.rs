@@ -13,7 +13,8 @@
 use cad_transforms::RigidTransform;
 use nalgebra::{UnitQuaternion, Vector3};
 
-use crate::events::Contact;
+use crate::contact::Contact;
+pub use crate::contact::SoleEdges;
 use crate::poses::pose;
 
 /// Phases of a swing at which shapes are known.
@@ -30,15 +31,6 @@ const TOE_HEIGHT_M: [f64; NODES] = [
 const PROGRESS: [f64; NODES] = [
     0.0, 0.035, 0.115, 0.225, 0.350, 0.480, 0.615, 0.745, 0.865, 0.955, 1.0,
 ];
-
-/// Edges of a sole, from its middle, m.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct SoleEdges {
-    /// Distance of the rear edge.
-    pub heel_m: f64,
-    /// Distance of the front edge.
-    pub toe_m: f64,
-}
 
 /// The usual motion between two contacts.
 #[derive(Clone, Debug)]
@@ -153,7 +145,7 @@ mod tests {
     use cad_transforms::Covariance;
 
     use super::*;
-    use crate::events::Event;
+    use crate::contact::Event;
     use crate::stance::Stance;
 
     const SOLE: SoleEdges = SoleEdges {

@@ -9,13 +9,12 @@ use cad_transforms::RigidTransform;
 use nalgebra::{Matrix3, Vector3};
 
 use crate::config::SwingConfig;
+use crate::contact::{Contact, FootContacts, rest_s};
 use crate::deviation::{AxisConfig, AxisHabit, Measurement, Place, Quantity, Step};
-use crate::events::Contact;
 use crate::poses::motion;
 use crate::shoe::Side;
 use crate::stance::FootObservation;
 use crate::swing::UsualMotion;
-use crate::track::{FootContacts, rest_s};
 
 /// Height between contacts from which on a step goes up or down, m.
 const CLIMB_M: f64 = 0.08;
@@ -25,8 +24,8 @@ const RUNNING_SHARE: f64 = 0.5;
 const MISMATCH: f64 = 25.0;
 /// Axes that change sign from the left to the right foot: left, about forward, about up.
 const MIRRORED: [bool; 6] = [false, true, false, true, false, true];
-/// Least error of an event for which its effect is computed, and half of the time over which motions
-/// are differences, s.
+/// Least error of an event for which its effect is computed, and half of the time over which
+/// motions are differences, s.
 const LEAST_SIGMA_S: f64 = 1e-3;
 
 /// See the module.

@@ -10,11 +10,10 @@ use cad_transforms::{Covariance, RigidTransform};
 use nalgebra::{Matrix3, Matrix6, UnitQuaternion, Vector3};
 
 use crate::config::SwingConfig;
-use crate::events::Contact;
+pub use crate::contact::FootContacts;
+use crate::contact::{Contact, rest_s, seconds};
 use crate::poses::pose;
-use crate::shoe::Side;
 use crate::stance::FootObservation;
-use crate::swing::SoleEdges;
 use crate::swing_habit::{Swing, SwingHabit};
 
 /// How the pose of a foot is known.
@@ -42,19 +41,6 @@ pub struct FootPose {
     pub covariance: Option<Covariance>,
     /// How it is known.
     pub status: FootStatus,
-}
-
-/// What is known of one foot.
-#[derive(Clone, Copy, Debug)]
-pub struct FootContacts<'a> {
-    /// Which foot.
-    pub side: Side,
-    /// Its poses in frames, in order of time.
-    pub observations: &'a [FootObservation],
-    /// Its contacts, in order of time.
-    pub contacts: &'a [Contact],
-    /// The edges of its sole.
-    pub sole: SoleEdges,
 }
 
 /// Poses of a foot at ordered times, of a wearer who usually swings as `habit` says.
@@ -117,25 +103,6 @@ pub fn foot_poses(
     }
     lost_poses(&mut poses, times_ns, next..times_ns.len(), &last);
     poses
-}
-
-/// From when to when a foot is surely at rest, s: where the events are uncertain, while frames show
-/// it.
-pub(crate) fn rest_s(contact: &Contact) -> [f64; 2] {
-    let [first_s, last_s] = contact.stance.times_ns.map(seconds);
-    let (flat, lift) = (contact.foot_flat, contact.heel_off);
-    [
-        first_s
-            .min(flat.time_s + 2.0 * flat.sigma_s)
-            .max(flat.time_s),
-        last_s
-            .max(lift.time_s - 2.0 * lift.sigma_s)
-            .min(lift.time_s),
-    ]
-}
-
-fn seconds(ns: i64) -> f64 {
-    1e-9 * ns as f64
 }
 
 fn is_observed(observations: &[FootObservation], time_ns: i64, config: &SwingConfig) -> bool {

@@ -37,7 +37,8 @@ impl Template {
         let motion = blur
             .motion
             .map(|v| v.clamp(-MAX_MOTION_CELLS, MAX_MOTION_CELLS) * per_cell);
-        // Samples are in the middle of their parts of the motion, of which the last one ends beyond.
+        // Samples are in the middle of their parts of the motion, of which the last one ends
+        // beyond.
         let step = (MOTION_STEP_CELLS * per_cell).floor().max(1.0);
         let around = motion.map(|v| (0.5 * (v.abs() + step)).ceil() as usize + 1);
         let side = tag.cells() * per_cell as usize + 1;

@@ -2,7 +2,7 @@
 
 use charts::{Axis, Chart, Series};
 
-use super::Row;
+use super::row::Row;
 
 const SIZE: [u32; 2] = [900, 400];
 

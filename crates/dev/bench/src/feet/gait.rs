@@ -46,7 +46,7 @@ pub(super) struct Row {
     pub(super) strikes_seen: usize,
     pub(super) toe_off_ms: [f64; 3],
     pub(super) toe_off_nees: f64,
-    /// Poses out of sight between contacts: their number, error of the middle of the sole, 50th and
+    /// Hidden poses between contacts: their number, error of the middle of the sole, 50th and
     /// 95th percentile, RMS, mm, and the share within two stated sigmas along each axis.
     pub(super) bridged: usize,
     pub(super) bridged_mm: [f64; 3],

@@ -1,9 +1,9 @@
 //! Heel off and toe off of a stance.
 //!
-//! Contract: the heel lifts with a growing pitch about the toe; the toe stays until it leaves with
-//! a growing speed. Where frames show that, its time follows from them; elsewhere from the gait:
-//! the toe leaves a certain share of a stride after the strike of the other foot, the heel lifts a
-//! certain share after its own strike.
+//! Contract: the heel lifts with a growing pitch about the toe; the toe is at rest until it leaves
+//! with a growing speed. Where frames show that, its time follows from them; elsewhere from the
+//! gait: the toe leaves a certain share of a stride after the strike of the other foot, the heel
+//! lifts a certain share after its own strike.
 //!
 //! Source of the share of a stride in which a foot bears, 0.642 - 0.035 v for a speed v in m/s:
 //! Kirtley, Whittle, Jefferson, "Influence of walking speed on gait parameters", J. Biomed. Eng. 7,
@@ -14,8 +14,8 @@ use nalgebra::Vector3;
 
 use super::strike::Strike;
 use super::times::{Habit, Row, STEP_S, fit, log_normal, moments, typical, weights, without_prior};
-use super::{Event, FootStances, seconds};
 use crate::config::EventConfig;
+use crate::contact::{Event, FootStances, seconds};
 use crate::poses::motion;
 use crate::stance::Stance;
 
@@ -32,7 +32,8 @@ const BEFORE_S: f64 = 0.15;
 /// Logarithm of the ratio by which frames can make a time more probable than another: where they
 /// contradict the gait by more, they show something else.
 const MAX_LOG: f64 = 4.5;
-/// Distance of the toe from where it rested, from which on its motion tells nothing of its begin, m.
+/// Distance of the toe from where it rested, from which on its motion says nothing of its begin,
+/// m.
 const MAX_TOE_M: f64 = 0.3;
 /// Error of a time besides those of frames: feet lift in other ways than this model's, s.
 const MODEL_SIGMA_S: f64 = 0.008;

@@ -10,8 +10,8 @@ use nalgebra::Vector3;
 use super::times::{
     Habit, Motion, Row, STEP_S, fit, log_normal, moments, typical, weights, without_prior,
 };
-use super::{Event, FootStances, seconds};
 use crate::config::EventConfig;
+use crate::contact::{Event, FootStances, seconds};
 use crate::poses::motion;
 use crate::stance::Stance;
 
@@ -25,7 +25,7 @@ const MODEL_SIGMA_S: f64 = 0.006;
 const PITCH_RATE: f64 = 1.5;
 /// Least time from the last frame at rest to the next strike of the foot, s.
 const MIN_LIFTED_S: f64 = 0.3;
-/// Longest time for which a foot at rest is out of sight, s.
+/// Longest time for which a foot at rest is hidden, s.
 const MAX_HIDDEN_S: f64 = 0.5;
 /// Time after the first frame at rest in which frames still tell the strike, s.
 const AFTER_S: f64 = 0.1;
@@ -121,7 +121,7 @@ pub(super) fn strike(
     let approach = approach(foot, stance, (last_s, first_s), config);
     let is_seen = approach.iter().any(|own| own.time_s < first_s);
     let [roll_s, roll_sigma_s] = habit.roll_s;
-    // A foot may be at rest out of sight for longer than its approach takes.
+    // A foot may be hidden at rest for longer than its approach takes.
     let reach_s = match is_seen {
         true => config.max_approach_s,
         false => MAX_HIDDEN_S,

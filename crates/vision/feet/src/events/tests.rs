@@ -2,6 +2,8 @@ use cad_transforms::{Covariance, RigidTransform};
 
 use super::*;
 use crate::GaitConfig;
+use crate::contact::SoleEdges;
+use crate::stance::FootObservation;
 use crate::stance::stances;
 use crate::test_noise::Noise;
 

@@ -1,7 +1,9 @@
 use super::*;
 use crate::GaitConfig;
+use crate::contact::SoleEdges;
 use crate::events::{Event, FootStances, contacts};
 use crate::poses::motion;
+use crate::shoe::Side;
 use crate::stance::stances;
 use crate::test_noise::Noise;
 

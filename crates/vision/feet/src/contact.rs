@@ -1,0 +1,83 @@
+//! Contacts of a foot with the ground, and what is known of a foot.
+
+use crate::shoe::Side;
+use crate::stance::{FootObservation, Stance};
+
+/// Edges of a sole, from its middle, m.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SoleEdges {
+    /// Distance of the rear edge.
+    pub heel_m: f64,
+    /// Distance of the front edge.
+    pub toe_m: f64,
+}
+
+/// An instant of a contact.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Event {
+    /// Its time, s, from the same zero as that of observations.
+    pub time_s: f64,
+    /// Standard deviation of that, s.
+    pub sigma_s: f64,
+    /// Whether images show it.
+    pub is_seen: bool,
+}
+
+/// A contact of a foot with the ground.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Contact {
+    /// The foot at rest.
+    pub stance: Stance,
+    /// First contact, of the heel.
+    pub heel_strike: Event,
+    /// From here on the whole sole bears.
+    pub foot_flat: Event,
+    /// The heel lifts.
+    pub heel_off: Event,
+    /// Last contact, of the toe.
+    pub toe_off: Event,
+}
+
+/// What is seen of one foot.
+#[derive(Clone, Copy, Debug)]
+pub struct FootStances<'a> {
+    /// Its poses in frames, in order of time.
+    pub observations: &'a [FootObservation],
+    /// Its stances, see [`stances`](crate::stance::stances).
+    pub stances: &'a [Stance],
+    /// The edges of its sole.
+    pub sole: SoleEdges,
+}
+
+/// What is known of one foot.
+#[derive(Clone, Copy, Debug)]
+pub struct FootContacts<'a> {
+    /// Which foot.
+    pub side: Side,
+    /// Its poses in frames, in order of time.
+    pub observations: &'a [FootObservation],
+    /// Its contacts, in order of time.
+    pub contacts: &'a [Contact],
+    /// The edges of its sole.
+    pub sole: SoleEdges,
+}
+
+/// Seconds of a time in nanoseconds.
+pub(crate) fn seconds(ns: i64) -> f64 {
+    1e-9 * ns as f64
+}
+
+/// From when to when a foot is surely at rest, s: where the events are uncertain, while frames show
+/// it.
+pub(crate) fn rest_s(contact: &Contact) -> [f64; 2] {
+    let [first_s, last_s] = contact.stance.times_ns.map(seconds);
+    let (flat, lift) = (contact.foot_flat, contact.heel_off);
+    [
+        first_s
+            .min(flat.time_s + 2.0 * flat.sigma_s)
+            .max(flat.time_s),
+        last_s
+            .max(lift.time_s - 2.0 * lift.sigma_s)
+            .min(lift.time_s),
+    ]
+}
