@@ -47,8 +47,8 @@ pub(crate) struct Place {
     pub(crate) time_s: f64,
     /// From 0 at the end of a contact to 1 at the begin of the next one.
     pub(crate) phase: f64,
-    /// From 0 at toe off to 1 at heel strike.
-    pub(crate) swung: f64,
+    /// Shares by which errors of heel off, toe off, heel strike and foot flat move the motion.
+    pub(crate) event_weights: [f64; 4],
     /// Derivative of the generic motion, per s.
     pub(crate) rate: f64,
     /// Variance by errors of events beyond what that derivative says.
@@ -67,8 +67,8 @@ pub(crate) struct Measurement {
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Step {
     pub(crate) measurements: Vec<Measurement>,
-    /// Standard deviations of toe off and heel strike, s.
-    pub(crate) event_sigmas_s: [f64; 2],
+    /// Standard deviations of heel off, toe off, heel strike and foot flat, s.
+    pub(crate) event_sigmas_s: [f64; 4],
 }
 
 /// Deviations that the steps of a wearer have in common along one axis.
@@ -212,8 +212,10 @@ impl AxisHabit {
         let envelopes = envelope(self.config.kind, a) * envelope(self.config.kind, b);
         let own =
             size * size * envelopes * own_kernel((a.time_s - b.time_s).abs() / self.config.own_s);
-        let [off, strike] = step.event_sigmas_s.map(|sigma| sigma * sigma);
-        let events = off * (1.0 - a.swung) * (1.0 - b.swung) + strike * a.swung * b.swung;
+        let variances = step.event_sigmas_s.map(|sigma| sigma * sigma);
+        let weights = a.event_weights.iter().zip(&b.event_weights);
+        let events = weights.zip(variances).map(|((a, b), own)| a * b * own);
+        let events = events.sum::<f64>();
         own + a.rate * b.rate * events
     }
 }
@@ -273,7 +275,7 @@ mod tests {
         Place {
             time_s: SECONDS * phase,
             phase,
-            swung: phase,
+            event_weights: [0.0, 1.0 - phase, phase, 0.0],
             rate: 0.0,
             beyond: 0.0,
         }
@@ -297,7 +299,7 @@ mod tests {
         };
         Step {
             measurements: phases.iter().map(measurement).collect(),
-            event_sigmas_s: [0.0; 2],
+            event_sigmas_s: [0.0; 4],
         }
     }
 
@@ -314,7 +316,7 @@ mod tests {
         let habit = AxisHabit::learned(CONFIG, &steps).unwrap();
         let unseen = Step {
             measurements: Vec::new(),
-            event_sigmas_s: [0.0; 2],
+            event_sigmas_s: [0.0; 4],
         };
         for phase in [0.5, 0.65, 0.8] {
             let [mean, variance] = habit.at(&unseen, &[place(phase)]).unwrap()[0];
@@ -367,7 +369,7 @@ mod tests {
                 value: -0.08,
                 variance: 1e-6,
             }],
-            event_sigmas_s: [0.02; 2],
+            event_sigmas_s: [0.0, 0.02, 0.02, 0.0],
         };
         let habit = AxisHabit::generic(AxisConfig {
             shared: 1e-3,

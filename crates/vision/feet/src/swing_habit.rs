@@ -1,7 +1,7 @@
 //! How the feet of a wearer swing: generic motions, and what all steps of a walk say of them.
 //!
-//! Contract: steps on level ground, upwards, downwards and in a run are learned apart, from both
-//! feet, of which the right one is mirrored. A frame that contradicts all that feet do is left out.
+//! Contract: steps on level ground, upwards, downwards, in a run, and from or to a stand are learned
+//! apart, from both feet, of which the right one is mirrored. A frame that contradicts all that feet do is left out.
 //! Axes are those of the step for the position (forward, left, up) and those of the foot for the
 //! rotation.
 
@@ -18,6 +18,10 @@ use crate::swing::UsualMotion;
 
 /// Height between contacts from which on a step goes up or down, m.
 const CLIMB_M: f64 = 0.08;
+/// Time for which a foot bears, s, from which on the wearer stands, and least length of a step of a
+/// wearer who walks, m: feet that start or stop hardly tilt.
+const STANDING_S: f64 = 1.2;
+const SHORT_M: f64 = 0.6;
 /// Share of a stride below which a foot bears in a run.
 const RUNNING_SHARE: f64 = 0.5;
 /// Squared deviation of a frame in variances, from which on it is a mismatch.
@@ -31,7 +35,7 @@ const LEAST_SIGMA_S: f64 = 1e-3;
 /// See the module.
 #[derive(Clone, Debug)]
 pub struct SwingHabit {
-    kinds: [[AxisHabit; 6]; 4],
+    kinds: [[AxisHabit; 6]; 5],
 }
 
 /// Kinds of steps that are learned apart.
@@ -41,16 +45,20 @@ enum Kind {
     Up,
     Down,
     Run,
+    Stand,
 }
 
 impl Kind {
-    const ALL: [Self; 4] = [Self::Level, Self::Up, Self::Down, Self::Run];
+    const ALL: [Self; 5] = [Self::Level, Self::Up, Self::Down, Self::Run, Self::Stand];
 
     fn of([from, to]: [&Contact; 2]) -> Self {
         let stride_s = to.heel_strike.time_s - from.heel_strike.time_s;
-        let bears_s = from.toe_off.time_s - from.heel_strike.time_s;
-        let [a, b] = [from, to].map(|own| own.stance.world_from_foot.translation().z);
-        match b - a {
+        let [bears_s, then_bears_s] =
+            [from, to].map(|own| own.toe_off.time_s - own.heel_strike.time_s);
+        let [a, b] = [from, to].map(|own| own.stance.world_from_foot.translation());
+        let is_short = (b - a).xy().norm() < SHORT_M;
+        match b.z - a.z {
+            _ if is_short || bears_s.max(then_bears_s) > STANDING_S => Self::Stand,
             _ if bears_s < RUNNING_SHARE * stride_s => Self::Run,
             rise if rise > CLIMB_M => Self::Up,
             rise if rise < -CLIMB_M => Self::Down,
@@ -63,7 +71,7 @@ impl SwingHabit {
     /// That of a wearer, from all steps of the left and the right foot.
     pub fn learned(feet: &[FootContacts<'_>; 2], config: &SwingConfig) -> Self {
         let generic = Self::generic(config);
-        let mut steps: [[Vec<Step>; 6]; 4] = Default::default();
+        let mut steps: [[Vec<Step>; 6]; 5] = Default::default();
         for foot in feet {
             for (from, to) in foot.contacts.iter().zip(foot.contacts.iter().skip(1)) {
                 let Some(swing) = Swing::new(foot, [from, to], &generic, config) else {
@@ -105,6 +113,11 @@ fn axis_config(config: &SwingConfig, axis: usize) -> AxisConfig {
     }
 }
 
+/// Standard deviations of heel off, toe off, heel strike and foot flat of a swing, s.
+fn event_sigmas_s([from, to]: [&Contact; 2]) -> [f64; 4] {
+    [from.heel_off, from.toe_off, to.heel_strike, to.foot_flat].map(|event| event.sigma_s)
+}
+
 /// One swing and what frames show of it.
 pub(crate) struct Swing<'a> {
     pub(crate) usual: UsualMotion<'a>,
@@ -128,10 +141,9 @@ impl<'a> Swing<'a> {
         if !(0.0..config.max_swing_s).contains(&(span_s[1] - span_s[0])) {
             return None;
         }
-        let sigmas = [from.toe_off.sigma_s, to.heel_strike.sigma_s];
         let empty = || Step {
             measurements: Vec::new(),
-            event_sigmas_s: sigmas,
+            event_sigmas_s: event_sigmas_s(contacts),
         };
         let mut swing = Self {
             usual: UsualMotion::new(from, to, foot.sole),
@@ -205,8 +217,19 @@ impl<'a> Swing<'a> {
             t if t < strike_s => 0.3 + 0.6 * share(off_s, strike_s),
             _ => 0.9 + 0.1 * share(strike_s, flat_s),
         };
-        let swung = share(off_s, strike_s);
-        let sigma_s = from.toe_off.sigma_s * (1.0 - swung) + to.heel_strike.sigma_s * swung;
+        // The motion is stretched between two events: an error of one moves it by that share.
+        let between = |of: usize, share: f64| {
+            let mut weights = [0.0; 4];
+            (weights[of], weights[of + 1]) = (1.0 - share, share);
+            weights
+        };
+        let event_weights = match time_s {
+            t if t < off_s => between(0, share(lift_s, off_s)),
+            t if t < strike_s => between(1, share(off_s, strike_s)),
+            _ => between(2, share(strike_s, flat_s)),
+        };
+        let sigmas_s = event_sigmas_s(self.contacts);
+        let sigma_s = (0..4).map(|k| event_weights[k] * sigmas_s[k]).sum::<f64>();
         let sigma_s = sigma_s.max(LEAST_SIGMA_S);
         let own = self.usual.at(time_s);
         let moved = |by_s: f64| {
@@ -225,7 +248,7 @@ impl<'a> Swing<'a> {
             Place {
                 time_s,
                 phase,
-                swung,
+                event_weights,
                 rate: self.sign(axis) * rate,
                 beyond: (all - (rate * sigma_s).powi(2)).max(0.0),
             }

@@ -1,6 +1,7 @@
 //! Renders the frames of one stereo camera in order.
 
 use std::sync::Arc;
+use std::thread;
 
 use crate::camera::optics::Conditions;
 use crate::camera::sensor::{AutoExposure, Exposure, SensorModel};
@@ -95,7 +96,7 @@ impl FrameRenderer {
         }
     }
 
-    /// Renders one frame; `number` selects its noise.
+    /// Renders one frame, each eye by a thread; `number` selects its noise.
     pub fn expose(&mut self, number: u64, time_ns: i64) -> StereoFrame {
         self.shoot(number, time_ns, self.simulation.settings.quality)
     }
@@ -116,25 +117,32 @@ impl FrameRenderer {
         let mut i420 = vec![0; width * height * 3 / 2];
         let (luma, chroma) = i420.split_at_mut(width * height);
         let (cb, cr) = chroma.split_at_mut(width * height / 4);
-        let mut mean = 0.0;
-        for (k, eye) in self.eyes.iter_mut().enumerate() {
-            let noise = random::bits(self.seed, FRAME_SEEDS, 2 * number + k as u64);
+        let noise = |k: usize| random::bits(self.seed, FRAME_SEEDS, 2 * number + k as u64);
+        let render = |k: usize, eye: &mut MonoCamera| {
             let pose = |t: f64| camera.world_from_eye(k, &simulation.walker.rig(t), slip.as_ref());
             let shot = Shot {
                 time_s,
                 exposure,
                 quality,
-                noise,
+                noise: noise(k),
             };
             eye.expose(simulation.scene(), &placed, &pose, &shot);
             eye.degrade(simulation.scene(), &pose(time_s), &conditions, k as u64);
             if k == 1 {
                 eye.blur(imaging.right_eye.blur_px);
             }
+        };
+        let [left, right] = &mut self.eyes;
+        thread::scope(|scope| {
+            scope.spawn(|| render(1, right));
+            render(0, left);
+        });
+        let mut mean = 0.0;
+        for (k, eye) in self.eyes.iter_mut().enumerate() {
             // The right eye's columns follow the left one's in each row.
             let (x, half) = (k * eye_width, k * eye_width / 2);
             let chroma = [&mut cb[half..], &mut cr[half..]];
-            mean += 0.5 * eye.develop(&exposure, noise, &mut luma[x..], chroma, width);
+            mean += 0.5 * eye.develop(&exposure, noise(k), &mut luma[x..], chroma, width);
             codec::quantize(
                 &mut luma[x..],
                 width,
