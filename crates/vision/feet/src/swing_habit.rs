@@ -1,9 +1,9 @@
 //! How the feet of a wearer swing: generic motions, and what all steps of a walk say of them.
 //!
-//! Contract: steps on level ground, upwards, downwards, in a run, and from or to a stand are learned
-//! apart, from both feet, of which the right one is mirrored. A frame that contradicts all that feet do is left out.
-//! Axes are those of the step for the position (forward, left, up) and those of the foot for the
-//! rotation.
+//! Contract: steps on level ground, upwards, downwards, in a run, and from or to a stand are
+//! learned apart, from both feet, of which the right one is mirrored. A frame that contradicts all
+//! that feet do is left out. Axes are those of the step for the position (forward, left, up) and
+//! those of the foot for the rotation.
 
 use cad_transforms::RigidTransform;
 use nalgebra::{Matrix3, Vector3};
