@@ -91,6 +91,11 @@ pub fn foot_poses(
                     true => FootStatus::Observed,
                     false => FootStatus::Bridged,
                 };
+                let factor = match status {
+                    FootStatus::Bridged => config.hidden_factor * config.hidden_factor,
+                    _ => 1.0,
+                };
+                let own = own.map(|[value, variance]| [value, factor * variance]);
                 swing_pose(*ns, &swing, [contact, after], &own, status).unwrap_or(FootPose {
                     time_ns: *ns,
                     world_from_foot: last,
