@@ -1,8 +1,8 @@
 //! Evaluation of contacts and poses of feet, and of the ground below them, against ground truth.
 //!
 //! Contract: positions are compared after the alignment of the trajectory, so they contain its
-//! error. A true contact counts if it lies within the recorded time with a margin of
-//! [`MARGIN_NS`]; an estimated one belongs to it if their heel strikes are within [`MATCH_NS`]. An
+//! error. A true contact counts if it lies within the recorded time with a margin of half a second;
+//! an estimated one belongs to it if their heel strikes are within a quarter of a second. An
 //! estimated contact is invented if the foot bore on the ground at none of its times.
 
 use scene_bundle::outputs::contacts::FootContact;

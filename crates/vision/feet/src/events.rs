@@ -2,10 +2,10 @@
 //!
 //! Contract: each event has a standard deviation and says whether images show it or it follows from
 //! the gait. Heel strikes come from the approach of the heel to where it then rests and from the
-//! pitch of the foot, see [`strike`](self::strike); one that no frame shows is in the middle
+//! pitch of the foot, see `events/strike.rs`; one that no frame shows is in the middle
 //! between those of the same and the other foot, and some time before the lift of that. Toe offs
 //! come from the toe where frames show it leave, and from the strike of the other foot, see
-//! [`lift`](self::lift). What is typical of the wearer's steps is learned from those that are seen
+//! `events/lift.rs`. What is typical of the wearer's steps is learned from those that are seen
 //! well, and then used for the others.
 
 use crate::config::EventConfig;
