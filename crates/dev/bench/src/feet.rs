@@ -146,7 +146,7 @@ fn of_rig(rig: &FeetRig, walks: &[Walk], reuse: bool) -> Result<Vec<Row>> {
         print(&row);
         rows.push(row);
     }
-    for (kind, name) in ["all, simulator's gait", "all, held back"]
+    for (kind, name) in ["all, simulator's gait", "all, by joint angles"]
         .into_iter()
         .enumerate()
     {

@@ -69,13 +69,13 @@ fn has(rows: &[Row], rig: &str) -> bool {
     rows.iter().any(|row| row.rig == rig)
 }
 
-const HELD_OUT: &str = "*: wearers who walk by joint angles, held back";
+const BY_JOINT_ANGLES: &str = "*: wearers who walk by joint angles";
 
 fn recall(rows: &[Row]) -> Chart {
     let chart = Chart::new("Shoe tags found")
         .subtitle(&format!(
             "of tags that are whole and visible in both eyes where the foot was seen within 0.15 s; \
-             {HELD_OUT}"
+             {BY_JOINT_ANGLES}"
         ))
         .y_axis(Axis::linear("found", "%").include(90.0).include(100.0))
         .hline(RECALL_GOAL, "goal by day");
@@ -90,7 +90,7 @@ fn recall(rows: &[Row]) -> Chart {
 fn contacts(rows: &[Row]) -> Chart {
     let chart = Chart::new("Where feet stand")
         .subtitle(&format!(
-            "error of the middle of the sole in the camera, 95th percentile; {HELD_OUT}"
+            "error of the middle of the sole in the camera, 95th percentile; {BY_JOINT_ANGLES}"
         ))
         .y_axis(Axis::linear("error", "mm").include(0.0));
     let chart = with_goals(rows, chart, 0);
@@ -100,7 +100,7 @@ fn contacts(rows: &[Row]) -> Chart {
 fn events(rows: &[Row], title: &str, goal: usize, value: impl Fn(&Row) -> f64) -> Chart {
     let chart = Chart::new(title)
         .subtitle(&format!(
-            "error of their times, 95th percentile; {HELD_OUT}"
+            "error of their times, 95th percentile; {BY_JOINT_ANGLES}"
         ))
         .y_axis(Axis::linear("error", "ms").include(0.0));
     by_walk(rows, with_goals(rows, chart, goal), &value)
@@ -116,7 +116,9 @@ fn with_goals(rows: &[Row], chart: Chart, which: usize) -> Chart {
 
 fn swings(rows: &[Row]) -> Chart {
     let chart = Chart::new("Feet between contacts where no frame shows them")
-        .subtitle(&format!("error of the middle of the sole, RMS; {HELD_OUT}"))
+        .subtitle(&format!(
+            "error of the middle of the sole, RMS; {BY_JOINT_ANGLES}"
+        ))
         .y_axis(Axis::linear("error", "mm").include(0.0))
         .hline(SWING_GOAL_MM, "goal");
     by_walk(rows, chart, &|row| row.gait.bridged_mm[2])
@@ -124,7 +126,7 @@ fn swings(rows: &[Row]) -> Chart {
 
 fn sigmas(rows: &[Row]) -> Chart {
     let chart = Chart::new("Feet where no frame shows them: errors within two stated sigmas")
-        .subtitle(&format!("along each axis; {HELD_OUT}"))
+        .subtitle(&format!("along each axis; {BY_JOINT_ANGLES}"))
         .y_axis(Axis::linear("within", "%").include(0.0).include(100.0))
         .hline(95.0, "95 %");
     by_walk(rows, chart, &|row| 100.0 * row.gait.bridged_within)
