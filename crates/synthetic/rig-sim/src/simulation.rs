@@ -12,23 +12,21 @@ use std::sync::{Arc, OnceLock};
 use boards::Target;
 use cad_transforms::RigidTransform;
 use cad_transforms::frame::{Frame, FramePart};
-use cad_transforms::rig::{Rig, RigError};
-use camera_models::{CameraModel, ImuCalibration, ImuNoise, Provenance, StereoCalibration};
+use cad_transforms::rig::Rig;
+use camera_models::{CameraModel, StereoCalibration};
 use nalgebra::{UnitQuaternion, Vector3};
 
 use crate::calibration_error::{CalibrationError, true_rig_toml};
 use crate::camera::placed::{Motion, Placed, placed};
-use crate::camera::sensor::SensorModel;
 use crate::camera::{Quality, Shutter};
 use crate::faults::WearerFaults;
-use crate::imu::{Imu, ImuFaults, ImuModel, ImuSample};
+use crate::imu::{ImuFaults, ImuModel, ImuSample};
 use crate::lens::Lens;
-use crate::random;
-use crate::rig::{SimCamera, cameras, shoe_tags};
+use crate::rig::{SimCamera, shoe_tags};
 use crate::scene::body::Body;
 use crate::scene::tag;
 use crate::scene::wearer::{Part, Wearer};
-use crate::scene::{Kind, Lighting, Scene, Scenery};
+use crate::scene::{Kind, Scene, Scenery};
 use crate::targets::board::{Board, Sheet};
 use crate::targets::observations::TargetObservations;
 use crate::targets::{self, Plan};
@@ -38,80 +36,19 @@ use crate::walker::gait_model::{self, GaitModel};
 mod frame_renderer;
 mod ground_truth;
 mod imaging;
+mod sensors;
+mod settings;
 
 pub use self::frame_renderer::{FrameRenderer, FrameSource, StereoFrame};
 pub use self::ground_truth::{GroundTruth, TagObservation};
 pub use self::imaging::{EyeDifference, Imaging};
+pub use self::sensors::RigImu;
+pub use self::settings::{Settings, SimulationError, seconds};
 
-/// Random streams that seed the IMUs; distinct from the streams that the IMUs use themselves.
-const IMU_SEEDS: u64 = random::IMU + 0x80;
-/// Maximum length of a walk, s: the ground truth of a whole walk is held in memory.
-const MAX_LENGTH_S: f64 = 3600.0;
-/// Maximum frame rate, Hz: the rolling shutter reads an image in less than this period.
-const MAX_RATE_HZ: f64 = 100.0;
-/// Supported image sizes, pixels per side of one eye.
-const SIDE_RANGE_PX: std::ops::RangeInclusive<u32> = 16..=4096;
-/// Maximum exposure as a fraction of the frame period; the rest is readout.
-const MAX_EXPOSURE_RATIO: f64 = 0.9;
-
-/// What to simulate.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Settings {
-    /// Scene.
-    pub kind: Kind,
-    /// Lighting.
-    pub lighting: Lighting,
-    /// Seed of all random numbers.
-    pub seed: u64,
-    /// Length of the walk, s.
-    pub seconds: f64,
-    /// Frames per second of every camera.
-    pub rate_hz: f64,
-    /// Columns of one eye, even.
-    pub width: u32,
-    /// Rows, even.
-    pub height: u32,
-    /// Rendering quality.
-    pub quality: Quality,
-}
-
-/// Error of preparing a simulation.
-#[derive(Debug, thiserror::Error)]
-pub enum SimulationError {
-    /// A setting that cannot be simulated: choose another.
-    #[error("preparing a simulated walk: {what} is {found}, expected {expected}")]
-    Setting {
-        /// Name of the setting.
-        what: &'static str,
-        /// Its value.
-        found: String,
-        /// The supported values.
-        expected: String,
-    },
-    /// A shoe tag that cannot be drawn: use one of the first of its family.
-    #[error("preparing the wearer of a simulated rig: tag {id} is on a shoe, expected 0 to {last}")]
-    Tag {
-        /// Id of the tag.
-        id: u32,
-        /// Highest id that can be drawn.
-        last: usize,
-    },
-    /// A calibration belongs to a camera that the rig does not have, or to another image size.
-    #[error("applying a calibration to a simulated camera: {0}")]
-    Lenses(String),
-    /// The rig file lacks an eye or the IMU of a camera: complete it.
-    #[error("preparing the cameras of a simulated walk")]
-    Rig(#[from] RigError),
-}
-
-/// An IMU on the rig.
-#[derive(Clone, Debug)]
-pub struct RigImu {
-    /// Sensor model.
-    pub imu: Imu,
-    /// Extrinsics.
-    pub imu_from_rig: RigidTransform,
-}
+use self::sensors::{
+    MAX_EXPOSURE_RATIO, NominalCamera, calibration_of, imus, nominal_cameras, sensors,
+};
+use self::settings::{check_imaging, in_ranges};
 
 /// A simulated walk; see the module documentation.
 #[derive(Clone, Debug)]
@@ -132,125 +69,6 @@ pub struct Simulation {
     has_calibration: bool,
     imaging: Imaging,
     scenery: Scenery,
-}
-
-/// Nominal intrinsics and extrinsics of one camera: those that the recording contains.
-#[derive(Clone, Debug, PartialEq)]
-struct NominalCamera {
-    models: [CameraModel; 2],
-    rig_from_eye: [RigidTransform; 2],
-    imu_from_rig: RigidTransform,
-}
-
-impl Settings {
-    fn check(&self) -> Result<(), SimulationError> {
-        let wrong = |what, found: &dyn std::fmt::Display, expected: String| {
-            Err(SimulationError::Setting {
-                what,
-                found: found.to_string(),
-                expected,
-            })
-        };
-        // NaN is in no range.
-        if !(self.seconds > 0.0 && self.seconds <= MAX_LENGTH_S) {
-            let expected = format!("above 0 and at most {MAX_LENGTH_S} s");
-            return wrong("the length of the walk", &self.seconds, expected);
-        }
-        if !(self.rate_hz > 0.0 && self.rate_hz <= MAX_RATE_HZ) {
-            let expected = format!("above 0 and at most {MAX_RATE_HZ} Hz");
-            return wrong("the rate of the cameras", &self.rate_hz, expected);
-        }
-        for (what, size) in [
-            ("the width of an eye", self.width),
-            ("the height", self.height),
-        ] {
-            if !SIDE_RANGE_PX.contains(&size) || size % 2 == 1 {
-                let expected = format!(
-                    "an even number of pixels from {} to {}",
-                    SIDE_RANGE_PX.start(),
-                    SIDE_RANGE_PX.end()
-                );
-                return wrong(what, &size, expected);
-            }
-        }
-        if self.frame_count() == 0 {
-            let expected = format!("at least one period of {} s", 1.0 / self.rate_hz);
-            return wrong("the length of the walk", &self.seconds, expected);
-        }
-        Ok(())
-    }
-
-    /// Number of frames of each camera: the whole periods of the walk.
-    pub fn frame_count(&self) -> u64 {
-        // A length of whole periods may be slightly less in floating point.
-        (self.seconds * self.rate_hz + 1e-6).floor() as u64
-    }
-
-    /// Time of frame `n`: middle of the exposure, ns.
-    pub fn frame_ns(&self, n: u64) -> i64 {
-        ((n as f64 + 0.5) / self.rate_hz * 1e9).round() as i64
-    }
-}
-
-/// Converts nanoseconds to seconds, the argument of the motion.
-pub fn seconds(time_ns: i64) -> f64 {
-    time_ns as f64 * 1e-9
-}
-
-impl Plan {
-    fn check(&self) -> Result<(), SimulationError> {
-        in_ranges(&[
-            ("the bow of the boards, m,", self.bow_m, -0.1, 0.1),
-            ("the scale error of the boards", self.scale_error, -0.2, 0.2),
-        ])
-    }
-}
-
-/// Checks a sensor response, its exposure excepted.
-fn check_imaging(imaging: &Imaging) -> Result<(), SimulationError> {
-    let EyeDifference {
-        blur_px,
-        vignetting,
-        gain,
-    } = imaging.right_eye;
-    let most_vignetting = 1.0 - SensorModel::SMALL.vignetting;
-    let values = [
-        ("the noise", imaging.noise, 0.0, 100.0),
-        (
-            "the blur of the right eye, px,",
-            f64::from(blur_px),
-            0.0,
-            10.0,
-        ),
-        (
-            "the vignetting of the right eye",
-            f64::from(vignetting),
-            0.0,
-            f64::from(most_vignetting),
-        ),
-        ("the gain of the right eye", f64::from(gain), -0.5, 1.0),
-        (
-            "the codec's step",
-            f64::from(imaging.codec_step),
-            0.0,
-            255.0,
-        ),
-    ];
-    in_ranges(&values)
-}
-
-/// Checks values, each with its name, minimum and maximum.
-fn in_ranges(values: &[(&'static str, f64, f64, f64)]) -> Result<(), SimulationError> {
-    // NaN is in no range.
-    let is_wrong = |(_, found, least, most): &&(_, f64, f64, f64)| !(least..=most).contains(&found);
-    match values.iter().find(is_wrong) {
-        None => Ok(()),
-        Some((what, found, least, most)) => Err(SimulationError::Setting {
-            what,
-            found: found.to_string(),
-            expected: format!("{least} to {most}"),
-        }),
-    }
 }
 
 impl Simulation {
@@ -747,73 +565,6 @@ impl Simulation {
         }
         placed
     }
-}
-
-/// Cameras and IMUs of a rig, after validation of the settings.
-fn sensors(
-    settings: &Settings,
-    rig: &Rig,
-) -> Result<(Vec<SimCamera>, Vec<RigImu>), SimulationError> {
-    settings.check()?;
-    let mut cameras = cameras(rig, settings.width, settings.height)?;
-    for camera in &mut cameras {
-        let period_s = 1.0 / settings.rate_hz;
-        camera.max_exposure_s = camera.max_exposure_s.min(MAX_EXPOSURE_RATIO * period_s);
-    }
-    let imus = imus(ImuModel::ZED_MINI, &cameras, settings, rig)?;
-    Ok((cameras, imus))
-}
-
-/// Nominal calibration without error: equal to the ground truth.
-fn nominal_cameras(cameras: &[SimCamera], imus: &[RigImu]) -> Vec<NominalCamera> {
-    let of = |(camera, imu): (&SimCamera, &RigImu)| NominalCamera {
-        models: camera.models,
-        rig_from_eye: camera.rig_from_eye,
-        imu_from_rig: imu.imu_from_rig,
-    };
-    cameras.iter().zip(imus).map(of).collect()
-}
-
-fn calibration_of(nominal: &NominalCamera, model: &ImuModel) -> StereoCalibration {
-    let [left, right] = nominal.rig_from_eye;
-    StereoCalibration {
-        left: nominal.models[0],
-        right: nominal.models[1],
-        right_from_left: right.inverse() * left,
-        imu: Some(ImuCalibration {
-            imu_from_left: nominal.imu_from_rig * left,
-            rate_hz: model.rate_hz,
-            noise: Some(ImuNoise {
-                gyro_noise_density: model.noise_density[0],
-                gyro_random_walk: model.random_walk[0],
-                accel_noise_density: model.noise_density[1],
-                accel_random_walk: model.random_walk[1],
-            }),
-        }),
-        provenance: Provenance {
-            format: None,
-            files: Vec::new(),
-            part: None,
-        },
-    }
-}
-
-/// The IMUs of the cameras, each with its own errors.
-fn imus(
-    model: ImuModel,
-    cameras: &[SimCamera],
-    settings: &Settings,
-    rig: &Rig,
-) -> Result<Vec<RigImu>, RigError> {
-    let imu = |(camera, number): (&SimCamera, u64)| {
-        let frame = Frame::of_camera(&camera.name, FramePart::Imu)
-            .expect("a rig names its cameras by valid names");
-        let imu_from_rig = rig.transform(&frame, &Frame::rig())?;
-        let seed = random::bits(settings.seed, IMU_SEEDS, number);
-        let imu = Imu::new(model, imu_from_rig, settings.seconds, seed);
-        Ok(RigImu { imu, imu_from_rig })
-    };
-    cameras.iter().zip(0..).map(imu).collect()
 }
 
 /// A body part of the wearer with its motion.

@@ -2,6 +2,8 @@ use super::*;
 use crate::camera::Shutter;
 use crate::faults::{Fault, Faults, Kind as FaultKind};
 use crate::lens::Lens;
+use crate::random;
+use crate::scene::Lighting;
 use crate::scene::surface::Class;
 use crate::walker::Side;
 
