@@ -1,7 +1,7 @@
 //! `feet`: shoe tags, contacts and swings on simulated walks with two rigs.
 //!
 //! - [`walks`]: the walks, the rigs, and wearers with the gait of [`joint_gait`].
-//! - [`recording`]: what the feet camera shows, and the truth.
+//! - [`images`]: rendered images, kept if wanted; [`recording`]: the tags in them, and the truth.
 //! - [`detections`]: sightings of shoe tags against the truth.
 //! - [`gait`]: contacts, their times, and hidden swings, from these sightings and true poses of the
 //!   rig.
@@ -21,19 +21,19 @@ use crate::stamp;
 mod charts;
 mod detections;
 mod gait;
+mod images;
 mod joint_gait;
 mod recording;
 mod row;
 mod statistics;
 mod walks;
 
-/// Where recordings are kept.
-const RECORDINGS: &str = "target/feet";
+/// Where images are kept: 90 MB per walk of the example rig, 660 MB of the recommended one.
+const IMAGES: &str = "target/feet";
 
 struct Options {
     quick: bool,
-    reuse: bool,
-    recorded: bool,
+    keep: bool,
     tuning: bool,
     only: Option<String>,
     walk: Option<String>,
@@ -44,8 +44,7 @@ impl Options {
     fn parse(args: &[String]) -> Result<Self> {
         let mut options = Self {
             quick: false,
-            reuse: false,
-            recorded: false,
+            keep: false,
             tuning: false,
             only: None,
             walk: None,
@@ -55,8 +54,7 @@ impl Options {
         while let Some(argument) = rest.next() {
             match argument.as_str() {
                 "--quick" => options.quick = true,
-                "--reuse" => options.reuse = true,
-                "--recorded" => options.recorded = true,
+                "--keep" => options.keep = true,
                 "--tuning" => options.tuning = true,
                 "--only" => {
                     let rigs = RIGS.map(|rig| rig.name).join(" or ");
@@ -68,8 +66,8 @@ impl Options {
                 }
                 "--out" => options.out = rest.next().context("--out needs a folder")?.into(),
                 other => bail!(
-                    "unknown argument {other:?}, expected --quick, --reuse, --recorded, --tuning, --only RIG, \
-                     --walk NAME or --out DIR"
+                    "unknown argument {other:?}, expected --quick, --keep, --tuning, --only RIG, --walk \
+                     NAME or --out DIR"
                 ),
             }
         }
@@ -77,12 +75,10 @@ impl Options {
     }
 }
 
-/// Runs the benchmark: `[--quick] [--reuse] [--recorded] [--tuning] [--only RIG]
-/// [--walk NAME] [--out DIR]`.
+/// Runs the benchmark: `[--quick] [--keep] [--tuning] [--only RIG] [--walk NAME] [--out DIR]`.
 ///
-/// With `--reuse` recordings of earlier runs are not rendered again; with `--recorded` walks
-/// without one are left out. With `--tuning` it runs on the walks that the estimator is developed
-/// with, and writes nothing.
+/// With `--keep` images are kept, and those of earlier runs are not rendered again. With `--tuning`
+/// it runs on the walks that the estimator is developed with, and writes nothing.
 ///
 /// # Errors
 /// Bad arguments, or an I/O error.
@@ -99,11 +95,8 @@ pub(crate) fn run(args: &[String]) -> Result<()> {
     let mut rows = Vec::new();
     for rig in &RIGS {
         if options.only.as_ref().is_none_or(|only| only == rig.name) {
-            let is_wanted = |walk: &&Walk| {
-                !options.recorded || Recording::path(Path::new(RECORDINGS), rig, walk).exists()
-            };
-            let walks: Vec<Walk> = walks.iter().filter(is_wanted).copied().collect();
-            rows.extend(of_rig(rig, &walks, options.reuse || options.recorded)?);
+            let kept = options.keep.then_some(Path::new(IMAGES));
+            rows.extend(of_rig(rig, &walks, kept)?);
         }
     }
     if options.tuning {
@@ -121,12 +114,12 @@ pub(crate) fn run(args: &[String]) -> Result<()> {
 }
 
 /// A row for each walk, and rows of all walks in one kind of gait.
-fn of_rig(rig: &FeetRig, walks: &[Walk], reuse: bool) -> Result<Vec<Row>> {
+fn of_rig(rig: &FeetRig, walks: &[Walk], kept: Option<&Path>) -> Result<Vec<Row>> {
     let mut rows = Vec::new();
     let mut sums = [gait::Errors::default(), gait::Errors::default()];
     let mut counts = [gait::Row::default(), gait::Row::default()];
     for walk in walks {
-        let recording = Recording::of(rig, walk, (Path::new(RECORDINGS), reuse))?;
+        let recording = Recording::of(rig, walk, kept)?;
         let (gait, errors) = gait::row(&recording);
         let kind = usize::from(walk.wearer.is_some());
         sums[kind].extend(&errors);

@@ -49,7 +49,18 @@ const HEEL_PIVOT_M: f64 = -0.13;
 const SOLE_M: [f64; 4] = [-0.13, -0.03, 0.06, 0.15];
 /// Speed above which people run and these curves do not hold, m/s.
 const RUNNING: f64 = 1.8;
-/// Maximum lift over obstacles, m.
+/// Parts of a swing for which the correction of its height is known.
+const LIFT_NODES: usize = 50;
+/// Share of a swing over which that correction is smoothed: on level ground and from one height to
+/// another.
+const LIFT_WIDTHS: [f64; 2] = [0.06, 0.22];
+/// Difference of the heights of two contacts from which on the second one holds, m.
+const STEP_M: f64 = 0.1;
+/// Share of a swing at its ends over which it begins and ends.
+const LIFT_END: f64 = 0.16;
+/// How much higher the sole is at a quarter and at three quarters of a swing than in its middle, m.
+const LIFT_SIDES_M: f64 = 0.015;
+/// Maximum correction, m.
 const MAX_LIFT_M: f64 = 0.4;
 
 /// A wearer.
@@ -141,7 +152,9 @@ struct Step {
     /// the derivative of that by the share of the swing.
     corrections: [[Vector3<f64>; 2]; 2],
     circumduction: [f64; 2],
-    lift_m: f64,
+    /// Corrections of the height over a swing, m, and the share of it over which they are smoothed.
+    lifts_m: Vec<f64>,
+    lift_width: f64,
     clearance_m: f64,
 }
 
@@ -160,6 +173,7 @@ impl Step {
         let stride_m = stride.norm();
         let long = (stride_m / (0.75 * wearer.height_m)).min(1.15);
         let off_share = (from.off_s - from.strike_s) / (to.strike_s - from.strike_s);
+        let rise_m = (to.position.z - from.position.z).abs();
         let mut step = Self {
             from: *from,
             to: *to,
@@ -181,11 +195,12 @@ impl Step {
             bend: bend(off_share),
             corrections: [[Vector3::zeros(); 2]; 2],
             circumduction: wearer.circumduction.map(|size| size * vary(7, 0.3)),
-            lift_m: 0.0,
+            lifts_m: Vec::new(),
+            lift_width: LIFT_WIDTHS[usize::from(rise_m > STEP_M)],
             clearance_m: wearer.clearance_m * vary(8, 0.25),
         };
         step.corrections = step.corrections();
-        step.lift_m = step.lift(ground);
+        step.lifts_m = step.lifts(ground);
         step
     }
 
@@ -290,29 +305,53 @@ impl Step {
         self.hung(time_s)
             + correction
             + self.outward * (self.circumduction[0] * bump(t))
-            + Vector3::z() * (rise * risen + self.lift_m * bump(t))
+            + Vector3::z() * (rise * risen + self.lift(t))
     }
 
-    /// The lift with which the lowest point of the sole is as high as the wearer's usually is,
-    /// and at least as high over obstacles; negative for feet that would be too high.
-    fn lift(&self, ground: &GroundFn<'_>) -> f64 {
+    /// Corrections of the height with which the lowest point of the sole is as high as the
+    /// wearer's usually is over the ground and its edges; negative where the leg lifts it higher.
+    fn lifts(&self, ground: &GroundFn<'_>) -> Vec<f64> {
         let below = self.from.position.z.max(self.to.position.z) + 0.5;
         let seconds = self.to.strike_s - self.from.off_s;
-        let mut lift = -0.06_f64;
-        for k in 6..=36 {
-            let share = f64::from(k) / 40.0;
+        let missing = |k: usize| {
+            let share = k as f64 / LIFT_NODES as f64;
             let time_s = self.from.off_s + share * seconds;
             let (middle, rotation) = (self.swung(time_s), self.rotation(time_s));
-            for x in SOLE_M {
-                let point = middle + rotation * (Vector3::x() * x);
-                let Some(height) = ground(point.x, point.y, below) else {
-                    continue;
-                };
-                let least = self.clearance_m * bump(share).sqrt();
-                lift = lift.max((height + least - point.z) / bump(share));
-            }
+            let of_point = |x: &f64| {
+                let point = middle + rotation * (Vector3::x() * *x);
+                Some(ground(point.x, point.y, below)? - point.z)
+            };
+            let quarters = libm::sin(2.0 * std::f64::consts::PI * share).powi(2);
+            let clearance = self.clearance_m + LIFT_SIDES_M * quarters;
+            let deepest = SOLE_M.iter().filter_map(of_point).reduce(f64::max);
+            deepest.map_or(0.0, |deepest| deepest + clearance)
+        };
+        let missing: Vec<f64> = (0..=LIFT_NODES).map(missing).collect();
+        // Over edges the highest neighbor counts.
+        let around = (0.5 * self.lift_width * LIFT_NODES as f64).round() as usize;
+        let highest = |k: usize| {
+            let near = &missing[k.saturating_sub(around)..=(k + around).min(LIFT_NODES)];
+            near.iter().copied().fold(f64::NEG_INFINITY, f64::max)
+        };
+        (0..=LIFT_NODES)
+            .map(|k| highest(k).clamp(-MAX_LIFT_M, MAX_LIFT_M))
+            .collect()
+    }
+
+    /// Correction of the height at a share of the swing.
+    fn lift(&self, share: f64) -> f64 {
+        let (mut sum, mut weights) = (0.0, 0.0);
+        for (k, lift) in self.lifts_m.iter().enumerate() {
+            let distance = share - k as f64 / LIFT_NODES as f64;
+            let weight = 1.0 - ease(distance.abs() / self.lift_width);
+            sum += weight * lift;
+            weights += weight;
         }
-        lift.min(MAX_LIFT_M)
+        let ends = ease(share / LIFT_END) * ease((1.0 - share) / LIFT_END);
+        match weights > 0.0 {
+            true => ends * sum / weights,
+            false => 0.0,
+        }
     }
 }
 

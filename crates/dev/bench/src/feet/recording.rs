@@ -1,12 +1,13 @@
 //! What the feet camera of a walk shows of the shoe tags, and the truth about it.
 //!
-//! Contract: images are rendered and read once; the recording holds all that the evaluation needs,
-//! and is kept in a folder from which later runs with `--reuse` read it.
+//! Contract: images are rendered, or read from a folder in which an earlier run kept them
+//! ([`images`](super::images)); tags are tracked in them in every run.
 
-use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::Arc;
 
+use super::images::{self, Image};
+use super::walks::{FeetRig, SECONDS, Walk};
 use anyhow::{Context as _, Result};
 use boards::Dictionary;
 use cad_transforms::{Covariance, RigidTransform};
@@ -15,16 +16,12 @@ use feet::Config;
 use feet::shoe::{Shoe, ShoeTag, Side as FootSide};
 use feet::tag_tracker::{Camera, Detection, Frame, RigState, TagTracker};
 use fiducials::{Motion, Tag};
-use imaging::ImageView;
 use nalgebra::{UnitQuaternion, Vector3};
 use rig_sim::camera::Shutter;
 use rig_sim::scene::wearer::Part;
-use rig_sim::simulation::{FrameSource as _, GroundTruth, Simulation, seconds};
+use rig_sim::simulation::{Simulation, seconds};
 use rig_sim::walker::{Footfall, Phase, Side};
 use rustix::time::ClockId;
-use serde::{Deserialize, Serialize};
-
-use super::walks::{FeetRig, SECONDS, Walk};
 
 /// Time between true poses of the feet, s.
 pub(super) const TRUTH_STEP_S: f64 = 0.01;
@@ -32,7 +29,7 @@ pub(super) const TRUTH_STEP_S: f64 = 0.01;
 pub(super) const SIDES: [Side; 2] = [Side::Left, Side::Right];
 
 /// See the module.
-#[derive(Clone, Debug, Serialize, Deserialize)]
+#[derive(Clone, Debug)]
 pub(super) struct Recording {
     pub(super) begin_s: f64,
     pub(super) frames: Vec<FrameTruth>,
@@ -46,7 +43,7 @@ pub(super) struct Recording {
 }
 
 /// Truth of a frame.
-#[derive(Clone, Debug, Serialize, Deserialize)]
+#[derive(Clone, Debug)]
 pub(super) struct FrameTruth {
     pub(super) time_ns: i64,
     pub(super) world_from_rig: RigidTransform,
@@ -60,7 +57,7 @@ pub(super) struct FrameTruth {
 }
 
 /// A tag that the tracker found.
-#[derive(Clone, Debug, Serialize, Deserialize)]
+#[derive(Clone, Debug)]
 pub(super) struct Sighting {
     /// Index of the frame.
     pub(super) frame: usize,
@@ -74,59 +71,31 @@ pub(super) struct Sighting {
 }
 
 /// A contact.
-#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug)]
 pub(super) struct TrueContact {
     pub(super) strike_s: f64,
     pub(super) flat_s: f64,
     pub(super) heel_off_s: f64,
     pub(super) toe_off_s: f64,
     pub(super) world_from_foot: RigidTransform,
-    pub(super) speed: f64,
 }
 
 /// Pose of a foot.
-#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug)]
 pub(super) struct TruePose {
     pub(super) world_from_foot: RigidTransform,
     pub(super) is_flat: bool,
-    pub(super) is_swing: bool,
 }
 
 impl Recording {
-    /// The recording of a walk; `kept` is the folder and whether what it holds is used.
-    pub(super) fn of(rig: &FeetRig, walk: &Walk, kept: (&Path, bool)) -> Result<Self> {
-        let (folder, reuse) = kept;
-        let path = Self::path(folder, rig, walk);
-        if reuse && path.exists() {
-            let text = fs::read(&path).with_context(|| format!("reading {}", path.display()))?;
-            return serde_json::from_slice(&text)
-                .with_context(|| format!("reading {}", path.display()));
-        }
-        let recording = Self::render(rig, walk)?;
-        fs::create_dir_all(folder).with_context(|| format!("creating {}", folder.display()))?;
-        fs::write(&path, serde_json::to_vec(&recording)?)
-            .with_context(|| format!("writing {}", path.display()))?;
-        Ok(recording)
-    }
-
-    /// Where the recording of a walk is kept.
-    pub(super) fn path(folder: &Path, rig: &FeetRig, walk: &Walk) -> PathBuf {
-        let name = walk.name.replace([' ', ','], "_");
-        folder.join(format!("{}-{name}.json", rig.name))
-    }
-
-    fn render(rig: &FeetRig, walk: &Walk) -> Result<Self> {
+    /// The recording of a walk, with images that are kept in a folder if there is one.
+    pub(super) fn of(rig: &FeetRig, walk: &Walk, kept: Option<&Path>) -> Result<Self> {
         let simulation = Arc::new(rig.simulation(walk)?);
         let position = (simulation.cameras().iter()).position(|camera| camera.name == "feet");
         let position = position.context("the rig has a camera of the feet")?;
         let shoes = shoes(&simulation)?;
         let camera = camera(&simulation, position);
         let mut tracker = TagTracker::new(shoes.clone(), vec![camera], Config::default());
-        let mut renderer = simulation.frames(position);
-        let mut ground_truth = simulation.ground_truth(position);
-        let settings = *simulation.settings();
-        let first = (walk.begin_s * settings.rate_hz).round() as u64;
-        renderer.settle(settings.frame_ns(first));
         let mut recording = Self {
             begin_s: walk.begin_s,
             frames: Vec::new(),
@@ -138,22 +107,14 @@ impl Recording {
             ],
             foot_from_tag: [0, 1].map(|k: usize| shoes[k].tags[0].foot_from_tag),
         };
-        for number in first..settings.frame_count() {
-            let time_ns = settings.frame_ns(number);
-            let image = renderer.render_frame(number, time_ns);
-            let mut truth = frame_truth(&simulation, &mut ground_truth, time_ns)?;
-            truth.exposure_ms = 1e3 * image.exposure.seconds;
-            let grays = [image.gray(0), image.gray(1)];
-            let [width, height] = rig.size.map(|size| size as usize);
-            let views = grays
-                .each_ref()
-                .map(|gray| ImageView::packed(width, height, gray).expect("whole images"));
-            let state = simulation.walker().rig(seconds(time_ns));
+        images::for_each(rig, walk, &simulation, position, kept, |image| {
+            let mut truth = frame_truth(&simulation, image)?;
+            let state = simulation.walker().rig(seconds(image.time_ns));
             let frame = Frame {
                 camera: 0,
-                time_ns,
-                images: views,
-                exposure_s: image.exposure.seconds,
+                time_ns: image.time_ns,
+                images: image.views(rig.size)?,
+                exposure_s: image.exposure_s,
                 rig: Some(RigState {
                     world_from_rig: truth.world_from_rig,
                     motion: Motion {
@@ -170,7 +131,8 @@ impl Recording {
                 recording.sightings.push(own);
             }
             recording.frames.push(truth);
-        }
+            Ok(())
+        })?;
         Ok(recording)
     }
 }
@@ -233,7 +195,6 @@ fn contacts(simulation: &Simulation, foot: usize) -> Result<Vec<TrueContact>> {
                 heel_off_s: heel_off_s.min(1e6),
                 toe_off_s: fall.off_s.min(1e6),
                 world_from_foot: transform(&fall.position, &fall.rotation)?,
-                speed: fall.speed,
             })
         })
         .collect()
@@ -244,7 +205,6 @@ fn true_pose(simulation: &Simulation, foot: usize, time_s: f64) -> Result<TruePo
     Ok(TruePose {
         world_from_foot: transform(&state.position, &state.rotation)?,
         is_flat: state.phase == Phase::Flat,
-        is_swing: state.phase == Phase::Swing,
     })
 }
 
@@ -256,36 +216,23 @@ fn true_poses(simulation: &Simulation, foot: usize, walk: &Walk) -> Result<Vec<T
         .collect()
 }
 
-fn frame_truth(
-    simulation: &Simulation,
-    ground_truth: &mut GroundTruth<'_>,
-    time_ns: i64,
-) -> Result<FrameTruth> {
-    let rig = simulation.walker().rig(seconds(time_ns));
+fn frame_truth(simulation: &Simulation, image: &Image) -> Result<FrameTruth> {
+    let time_s = seconds(image.time_ns);
+    let rig = simulation.walker().rig(time_s);
     let world_from_rig = transform(&rig.position, &rig.rotation)?;
     let wearer = &simulation.scene().wearer;
     let tag = |foot: usize| {
-        let (position, rotation) =
-            wearer.pose(Part::Tag(foot), simulation.walker(), seconds(time_ns));
+        let (position, rotation) = wearer.pose(Part::Tag(foot), simulation.walker(), time_s);
         Ok::<_, anyhow::Error>(world_from_rig.inverse() * transform(&position, &rotation)?)
     };
-    let mut visible = [[0.0; 2]; 2];
-    let mut eye = |eye: usize| {
-        let truth = ground_truth.render(eye, time_ns);
-        for tag in ground_truth.tags(eye, &truth) {
-            visible[tag.id][eye] = tag.visible_share;
-        }
-    };
-    eye(0);
-    eye(1);
-    let foot = |foot: usize| true_pose(simulation, foot, seconds(time_ns));
+    let foot = |foot: usize| true_pose(simulation, foot, time_s);
     Ok(FrameTruth {
-        time_ns,
+        time_ns: image.time_ns,
         world_from_rig,
         rig_from_tag: [tag(0)?, tag(1)?],
-        visible,
+        visible: image.visible,
         feet: [foot(0)?, foot(1)?],
-        exposure_ms: 0.0,
+        exposure_ms: 1e3 * image.exposure_s,
         ms: 0.0,
     })
 }

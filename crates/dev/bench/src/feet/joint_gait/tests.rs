@@ -34,7 +34,8 @@ fn feet_move_steadily_and_as_fast_as_those_of_people() {
                 last = foot;
             }
         }
-        assert!((2.5..7.5).contains(&fastest), "{}: {fastest}", name);
+        // The simulator's route asks for a quick long step before stairs.
+        assert!((2.5..7.0).contains(&fastest), "{}: {fastest}", name);
     }
 }
 
@@ -75,11 +76,9 @@ fn feet_are_still_while_flat_and_no_sole_is_below_the_ground() {
             }
         }
         let mean = lowest_toe.iter().sum::<f64>() / lowest_toe.len() as f64;
-        // Higher than the feet of people, which pass the ground by 2 cm: the lift that clears the
-        // ground early in the swing is too high in its middle.
-        let least = 0.5 * wearer.clearance_m;
+        let least = 0.8 * wearer.clearance_m;
         assert!(
-            (least..0.13).contains(&mean),
+            (least..wearer.clearance_m + 0.02).contains(&mean),
             "{name}: {mean} of {lowest_toe:?}"
         );
     }
