@@ -36,6 +36,16 @@ config! {
         pub lost_s: f64 = 0.15,
         /// Distance around a predicted tag in which it is searched if it is not there, m.
         pub near_m: f64 = 0.3,
+        /// Location of tags that are blurred too much to be detected.
+        pub location: fiducials::LocateConfig = fiducials::LocateConfig::default(),
+        /// Motion of a tag at rest during the exposure from which on it is located so, cells.
+        pub min_blur_cells: f64 = 0.7,
+        /// Distance around the rig in which feet may land, m.
+        pub landing_m: f64 = 0.6,
+        /// Directions of a foot that are tried, relative to its last one, rad.
+        pub turns_rad: [f64; 3] = [0.0, -0.3, 0.3],
+        /// Difference of heights of a foot that are tried apart, m.
+        pub height_m: f64 = 0.06,
     }
 
     /// Feet from their tags.

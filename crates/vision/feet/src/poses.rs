@@ -9,6 +9,14 @@ pub(crate) fn pose(rotation: &UnitQuaternion<f64>, at: &Vector3<f64>) -> Option<
     RigidTransform::from_wxyz([q.w, q.i, q.j, q.k], (*at).into()).ok()
 }
 
+/// A foot at the same place on level ground, turned to the left by an angle, rad.
+pub(crate) fn level(foot: &RigidTransform, turn: f64) -> Option<RigidTransform> {
+    let toe = foot.rotation() * Vector3::x();
+    let heading = libm::atan2(toe.y, toe.x) + turn;
+    let rotation = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), heading);
+    pose(&rotation, foot.translation())
+}
+
 /// Motion from a pose to another in the axes of the first: translation, rotation.
 pub(crate) fn motion(from: &RigidTransform, to: &RigidTransform) -> Vector6<f64> {
     let motion = from.inverse() * *to;

@@ -42,6 +42,11 @@ impl FootMotion {
         }
     }
 
+    /// Pose of the foot in the world in its last detection.
+    pub(crate) fn last_pose(&self) -> RigidTransform {
+        self.last.world_from_foot
+    }
+
     /// Time since the last detection, s.
     pub(crate) fn age_s(&self, time_ns: i64) -> f64 {
         1e-9 * (time_ns - self.last.time_ns) as f64

@@ -2,17 +2,19 @@
 //!
 //! Contract: frames come in order of time, with the pose and the motion of the rig. Each tag of a
 //! foot is fitted where the foot is predicted, in both eyes, with its motion; where it is not, it
-//! is searched near there, and after a while in the whole image. What a frame does not show gives
-//! no detection. Detections depend on earlier frames through the prediction only: their poses are
+//! is searched near there, and after a while in the whole image: as a quadrilateral, and, where the
+//! motion of the rig blurs a tag at rest, by the pattern of such a tag. What a frame does not show
+//! gives no detection. Detections depend on earlier frames through the prediction only: their poses are
 //! those of the images.
 
 use cad_transforms::RigidTransform;
 use camera_models::Lens;
-use fiducials::{Fit, Motion, Searcher, View, fit, poses_from_corners};
+use fiducials::{Fit, Motion, Searcher, View, fit, locate, poses_from_corners};
 use imaging::ImageView;
 use nalgebra::Vector3;
 
 use crate::config::Config;
+use crate::poses;
 use crate::prediction::{FootMotion, FootPose};
 use crate::shoe::{Shoe, ShoeTag};
 
@@ -131,8 +133,10 @@ impl TagTracker {
         tags.filter_map(|(tag, shoe_tag)| {
             let start = rig_from_foot * shoe_tag.foot_from_tag;
             let motion = motion_in_rig(rig, &world_from_foot, shoe_tag, &velocity);
+            let at_rest = [foot.last_pose(), world_from_foot];
             let fit = self
                 .fit(frame, shoe_tag, &start, &motion)
+                .or_else(|| self.at_rest(frame, shoe_tag, &at_rest, self.config.search.near_m))
                 .or_else(|| self.near(frame, shoe_tag, &start))?;
             self.detection(frame, (shoe, tag), fit)
         })
@@ -169,11 +173,48 @@ impl TagTracker {
         self.fit_at_corners(frame, shoe_tag, &corners)
     }
 
+    /// A tag of a foot that is at rest near one of these places, where that blurs it.
+    fn at_rest(
+        &self,
+        frame: &Frame<'_>,
+        shoe_tag: &ShoeTag,
+        places: &[RigidTransform],
+        reach_m: f64,
+    ) -> Option<Fit> {
+        let rig = frame.rig.as_ref()?;
+        let config = &self.config.search;
+        let motion = motion_in_rig(rig, places.first()?, shoe_tag, &Motion::default());
+        let moved_m = Vector3::from(motion.linear).norm() * frame.exposure_s;
+        if moved_m < config.min_blur_cells * shoe_tag.tag.cell_m() {
+            return None;
+        }
+        let rig_from_world = rig.world_from_rig.inverse();
+        let starts: Vec<RigidTransform> = places
+            .iter()
+            .flat_map(|place| config.turns_rad.map(|turn| poses::level(place, turn)))
+            .flatten()
+            .map(|place| rig_from_world * place * shoe_tag.foot_from_tag)
+            .collect();
+        let up = rig_from_world.rotation() * Vector3::z();
+        let [left, _] = self.views(frame);
+        let plane = (up.into(), reach_m);
+        let place = locate(
+            &left,
+            &shoe_tag.tag,
+            &starts,
+            &motion,
+            plane,
+            &config.location,
+        )?;
+        self.fit(frame, shoe_tag, &place.reference_from_tag, &motion)
+    }
+
     /// Tags of shoes anywhere in a frame.
     fn searched(&self, frame: &Frame<'_>, shoes: &[usize]) -> Vec<Detection> {
         let found = self.searcher.search(&frame.images[0]);
         let mut detections = Vec::new();
         for &shoe in shoes {
+            let before = detections.len();
             for (tag, shoe_tag) in self.shoes[shoe].tags.iter().enumerate() {
                 let own = found.iter().filter(|seen| seen.id == shoe_tag.tag.id);
                 let mut own = own.filter_map(|seen| {
@@ -182,8 +223,53 @@ impl TagTracker {
                 });
                 detections.extend(own.next());
             }
+            if detections.len() == before {
+                detections.extend(self.landed(frame, shoe));
+            }
         }
         detections
+    }
+
+    /// Tags of a foot that is at rest somewhere below the rig.
+    fn landed(&self, frame: &Frame<'_>, shoe: usize) -> Vec<Detection> {
+        let (Some(foot), Some(rig)) = (&self.feet[shoe], &frame.rig) else {
+            return Vec::new();
+        };
+        let last = foot.last_pose();
+        let below = rig.world_from_rig.translation();
+        let heights = self.heights(shoe);
+        let places: Vec<RigidTransform> = heights
+            .iter()
+            .filter_map(|height| {
+                poses::pose(&last.rotation(), &Vector3::new(below.x, below.y, *height))
+            })
+            .collect();
+        let tags = self.shoes[shoe].tags.iter().enumerate();
+        tags.filter_map(|(tag, shoe_tag)| {
+            let fit = self.at_rest(frame, shoe_tag, &places, self.config.search.landing_m)?;
+            self.detection(frame, (shoe, tag), fit)
+        })
+        .collect()
+    }
+
+    /// Heights at which a foot may be at rest: its last one, that of another foot, and as far beyond
+    /// that.
+    fn heights(&self, shoe: usize) -> Vec<f64> {
+        let height = |foot: &FootMotion| foot.last_pose().translation().z;
+        let Some(own) = self.feet[shoe].as_ref().map(height) else {
+            return Vec::new();
+        };
+        let mut heights = vec![own];
+        let others = self.feet.iter().enumerate().filter(|(k, _)| *k != shoe);
+        for other in others.filter_map(|(_, foot)| foot.as_ref().map(height)) {
+            for height in [other, 2.0 * other - own] {
+                let is_new = |known: &f64| (known - height).abs() > self.config.search.height_m;
+                if heights.iter().all(is_new) {
+                    heights.push(height);
+                }
+            }
+        }
+        heights
     }
 
     /// Fits a tag with these corners in the left image.
@@ -209,15 +295,19 @@ impl TagTracker {
         start: &RigidTransform,
         motion: &Motion,
     ) -> Option<Fit> {
+        let views = self.views(frame);
+        fit(&views, &shoe_tag.tag, start, motion, &self.config.fit)
+    }
+
+    fn views<'a>(&'a self, frame: &Frame<'a>) -> [View<'a>; 2] {
         let camera = &self.cameras[frame.camera];
-        let views = [0, 1].map(|eye| View {
+        [0, 1].map(|eye| View {
             image: frame.images[eye],
             lens: &camera.lenses[eye],
             eye_from_reference: camera.rig_from_eye[eye].inverse(),
             line_s: camera.line_s,
             exposure_s: frame.exposure_s,
-        });
-        fit(&views, &shoe_tag.tag, start, motion, &self.config.fit)
+        })
     }
 
     /// A detection, if the foot can be there.

@@ -18,6 +18,7 @@ pub mod decode;
 mod fit;
 mod levels;
 mod linearization;
+mod locate;
 mod moments;
 mod patch;
 mod pattern;
@@ -36,6 +37,7 @@ mod view;
 
 pub use config::Config;
 pub use fit::{Fit, Minimum, fit};
+pub use locate::{LocateConfig, Place, locate};
 pub use planar_pose::{mirrored, poses_from_corners};
 pub use quadrilateral::QuadrilateralConfig;
 pub use regions::RegionConfig;

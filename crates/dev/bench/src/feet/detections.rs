@@ -66,6 +66,24 @@ pub(super) fn row(recording: &Recording) -> Result<Row> {
             let is_found = seen[foot].is_some();
             let age_s = 1e-9 * (frame.time_ns - last_seen_ns[foot]) as f64;
             if frame.visible[foot] == [1.0; 2] {
+                if std::env::var("DBG").is_ok() {
+                    let near = &recording.frames[if index > 0 { index - 1 } else { 1 }];
+                    let dt = 1e-9 * (frame.time_ns - near.time_ns) as f64;
+                    let v = (frame.rig_from_tag[foot].translation()
+                        - near.rig_from_tag[foot].translation())
+                        / dt;
+                    let err = seen[foot].map_or(f64::NAN, |own| {
+                        error(frame, own).fixed_rows::<3>(0).norm() * 1e3
+                    });
+                    println!(
+                        "DBG t {:.3} foot {foot} flat {is_flat} found {is_found} age {:.2} exposure {:.1} ms speed {:.2} blur {:.2} cells err {err:.1}",
+                        1e-9 * frame.time_ns as f64,
+                        age_s.min(9.0),
+                        frame.exposure_ms,
+                        v.norm(),
+                        v.norm() * frame.exposure_ms * 1e-3 / 0.0075
+                    );
+                }
                 row.visible += 1;
                 row.found += usize::from(is_found);
                 row.predicted += usize::from(age_s < PREDICTED_S);
