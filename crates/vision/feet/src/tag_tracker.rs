@@ -206,7 +206,9 @@ impl TagTracker {
             plane,
             &config.location,
         )?;
-        self.fit(frame, shoe_tag, &place.reference_from_tag, &motion)
+        let fit = self.fit(frame, shoe_tag, &place.reference_from_tag, &motion)?;
+        let visible_share = fit.visible_share.iter().copied().fold(0.0, f64::max);
+        (visible_share > config.min_visible_share).then_some(fit)
     }
 
     /// Tags of shoes anywhere in a frame.

@@ -34,6 +34,9 @@ pub struct Fit {
     pub visible_share: Vec<f64>,
     /// Bits that contradict the tag's code, in the eye in which fewest do.
     pub wrong_bits: u32,
+    /// Correlation of the gray levels with the pattern, in the eye in which it is highest. Where
+    /// motion blurs the bits it tells more than they do.
+    pub correlation: f64,
     /// The tag tilted the other way, if its gray values contradict that hardly more.
     pub other: Option<Minimum>,
 }
@@ -111,6 +114,8 @@ pub fn fit(
         rms_levels: best.at.rms_levels,
         visible_share: best.visible_share,
         wrong_bits: best.wrong_bits,
+        correlation: correlations(&problem, &best.state.pose, best.state.log_blur)?
+            .fold(0.0, f64::max),
         other: other
             .filter(|(_, excess)| *excess < config.max_excess_cost)
             .and_then(minimum),
@@ -123,6 +128,22 @@ fn windows<'a>(views: &[View<'a>], tag: &Tag, pose: &RigidTransform) -> Vec<Wind
     views
         .filter_map(|view| Window::new(view, tag, pose))
         .collect()
+}
+
+/// Correlation of the gray levels of each eye with the pattern at a pose.
+fn correlations(
+    problem: &Problem<'_>,
+    pose: &RigidTransform,
+    log_blur: f64,
+) -> Option<impl Iterator<Item = f64>> {
+    let patterns = problem.patterns(pose, log_blur)?;
+    Some(patterns.into_iter().map(|of_patch| {
+        let mut moments = Moments::default();
+        for [pattern, level] in of_patch {
+            moments.add(f64::from(pattern), f64::from(level));
+        }
+        moments.correlation()
+    }))
 }
 
 struct Fitter<'a> {
@@ -192,15 +213,7 @@ impl<'a> Fitter<'a> {
 
     /// A start from which the fit converges, if this one is not.
     fn align(&self, start: &RigidTransform, problem: &Problem<'_>) -> Option<RigidTransform> {
-        let patterns = problem.patterns(start, 0.0)?;
-        let correlations = patterns.iter().map(|of_patch| {
-            let mut moments = Moments::default();
-            for [pattern, level] in of_patch {
-                moments.add(f64::from(*pattern), f64::from(*level));
-            }
-            moments.correlation()
-        });
-        if correlations.fold(1.0, f64::min) > self.config.min_start_correlation {
+        if correlations(problem, start, 0.0)?.fold(1.0, f64::min) > self.config.min_start_correlation {
             return None;
         }
         let patches: Vec<&Patch<'_>> = problem.patches.iter().map(|own| &own.patch).collect();

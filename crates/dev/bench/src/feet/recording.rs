@@ -127,6 +127,10 @@ impl Recording {
             let found = tracker.add(&frame);
             truth.ms = thread_ms() - begin_ms;
             for seen in &found {
+                if std::env::var("DBG").is_ok() {
+                    let e = (truth.rig_from_tag[seen.shoe].inverse() * seen.fit.reference_from_tag).translation().norm();
+                    println!("COR {:.3} foot {} err {:.1} cor {:.3} bits {} share {:?} rms {:.1}", 1e-9 * image.time_ns as f64, seen.shoe, 1e3 * e, seen.fit.correlation, seen.fit.wrong_bits, seen.fit.visible_share, seen.fit.rms_levels);
+                }
                 let own = sighting(recording.frames.len(), seen)?;
                 recording.sightings.push(own);
             }
