@@ -40,9 +40,9 @@ config! {
         pub location: fiducials::LocateConfig = fiducials::LocateConfig::default(),
         /// Motion of a tag at rest during the exposure from which on it is located so, cells.
         pub min_blur_cells: f64 = 0.7,
-        /// Minimum visible share of such a tag in one eye: blurred bits hardly contradict the tag
-        /// of the other foot, of which cells that differ count as hidden.
-        pub min_visible_share: f64 = 0.85,
+        /// Minimum share of the cells of such a tag that agree with its code: blurred bits hardly
+        /// contradict the tag of the other foot.
+        pub min_agreeing_share: f64 = 0.85,
         /// Distance around the rig in which feet may land, m.
         pub landing_m: f64 = 0.6,
         /// Directions of a foot that are tried, relative to its last one, rad.

@@ -13,6 +13,12 @@ use nalgebra::{Matrix6, Vector6};
 use crate::config::StanceConfig;
 use crate::poses::motion;
 
+/// Standard deviations, in six dimensions, by which motions of a foot at rest seem to differ from
+/// none: fewer in 99.5 % of the cases.
+const SIGMAS: f64 = 4.3;
+/// Uncertainty of a position, given its rotation, up to which a pose tells whether a foot rests, m.
+const MAX_SIGMA_M: f64 = 0.01;
+
 /// A foot in the world at the time of a frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FootObservation {
@@ -120,11 +126,33 @@ fn runs_at_rest(observations: &[FootObservation], config: &StanceConfig) -> Vec<
 
 fn is_at_rest(a: &FootObservation, b: &FootObservation, config: &StanceConfig) -> bool {
     let seconds = 1e-9 * (b.time_ns - a.time_ns) as f64;
-    let [distance, angle] = sizes(&motion(&a.world_from_foot, &b.world_from_foot));
-    let [sigma_m, sigma_rad] = sigmas(&(a.covariance.matrix() + b.covariance.matrix()));
-    let distance_limit = config.max_speed * seconds + 3.0 * sigma_m.min(0.01);
-    let angle_limit = config.max_rate * seconds + 3.0 * sigma_rad.min(0.03);
-    seconds <= config.max_gap_s && distance < distance_limit && angle < angle_limit
+    let motion = motion(&a.world_from_foot, &b.world_from_foot);
+    let covariance = a.covariance.matrix() + b.covariance.matrix();
+    let tolerance = [config.max_speed * seconds, config.max_rate * seconds];
+    seconds <= config.max_gap_s && is_within(&motion, &covariance, tolerance)
+}
+
+/// Whether a motion is none, within a tolerance of its translation and rotation and errors of
+/// poses. A pose whose tilt is uncertain tells the place of its tag well all the same, which moves
+/// when the foot rolls: both are in its covariance.
+fn is_within(motion: &Vector6<f64>, covariance: &Matrix6<f64>, [m, rad]: [f64; 2]) -> bool {
+    let [m, rad] = [m, rad].map(|tolerance| (tolerance / SIGMAS).powi(2));
+    let spread = known(covariance) + Matrix6::from_diagonal(&Vector6::new(m, m, m, rad, rad, rad));
+    let square = spread
+        .try_inverse()
+        .map(|inverse| motion.dot(&(inverse * motion)));
+    square.is_some_and(|square| square < SIGMAS * SIGMAS)
+}
+
+/// A covariance with which a pose tells something: position uncertain by at most `MAX_SIGMA_M`.
+fn known(covariance: &Matrix6<f64>) -> Matrix6<f64> {
+    let position = covariance.try_inverse().and_then(|inverse| {
+        let position = inverse.fixed_view::<3, 3>(0, 0).into_owned();
+        position.try_inverse()
+    });
+    let variance = position.map_or(0.0, |position| position.diagonal().max());
+    let scale = MAX_SIGMA_M * MAX_SIGMA_M / variance.max(1e-18);
+    covariance * scale.min(1.0)
 }
 
 /// The parts of a run between which the foot does not slide or turn.
@@ -190,10 +218,9 @@ fn stance(
     loop {
         let belongs = |k: usize| {
             let own = &observations[k];
-            let [distance, angle] = sizes(&motion(&pose.0, &own.world_from_foot));
-            let [sigma_m, sigma_rad] = sigmas(own.covariance.matrix());
-            distance < config.max_deviation_m + 3.0 * sigma_m
-                && angle < config.max_deviation_rad + 3.0 * sigma_rad
+            let motion = motion(&pose.0, &own.world_from_foot);
+            let tolerance = [config.max_deviation_m, config.max_deviation_rad];
+            is_within(&motion, own.covariance.matrix(), tolerance)
         };
         let first = run.clone().find(|k| belongs(*k))?;
         let last = run.clone().rfind(|k| belongs(*k))?;

@@ -207,8 +207,7 @@ impl TagTracker {
             &config.location,
         )?;
         let fit = self.fit(frame, shoe_tag, &place.reference_from_tag, &motion)?;
-        let visible_share = fit.visible_share.iter().copied().fold(0.0, f64::max);
-        (visible_share > config.min_visible_share).then_some(fit)
+        (fit.agreeing_share > config.min_agreeing_share).then_some(fit)
     }
 
     /// Tags of shoes anywhere in a frame.

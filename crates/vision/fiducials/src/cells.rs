@@ -13,14 +13,20 @@ use crate::view::{Motion, PlanePoint};
 const HIDDEN: f64 = 0.4;
 const WRONG: f64 = 0.5;
 
-/// Minimum share of a cell in the pattern at its middle by which deviations are scaled.
+/// Minimum share of a cell in the pattern at its middle by which deviations are scaled: where
+/// cells are blurred into each other, a deviation of all of them is noise. What hides a tag hides
+/// several of them.
 const MIN_SHARE: f64 = 0.4;
+const MIN_HIDDEN_SHARE: f64 = 0.7;
 
 /// Mean deviations of the cells of a tag in an eye.
 #[derive(Clone, Debug)]
 pub(crate) struct Cells {
-    /// Row by row with margins; `None` outside the image.
+    /// Row by row with margins, relative to a cell of the other color that is not blurred; `None`
+    /// outside the image.
     deviations: Vec<Option<f64>>,
+    /// Share of a cell in the pattern at its middle.
+    own_share: f64,
 }
 
 impl Cells {
@@ -54,18 +60,26 @@ impl Cells {
             sums[cell][0] += weight * (found - expected);
             sums[cell][1] += weight;
         });
-        // Where cells are blurred into each other, a deviation of all of them is noise.
-        let own = own_share.max(MIN_SHARE);
-        let deviation = |[sum, weight]: [f64; 2]| (weight > 0.05).then(|| sum / weight / own);
+        let deviation = |[sum, weight]: [f64; 2]| (weight > 0.05).then(|| sum / weight);
         Self {
             deviations: sums.into_iter().map(deviation).collect(),
+            own_share,
         }
     }
 
     /// Cells that something hides.
     pub(crate) fn is_hidden(&self) -> Vec<bool> {
-        let hidden = |d: &Option<f64>| d.is_none_or(|d| d.abs() > HIDDEN);
+        let least = HIDDEN * self.own_share.max(MIN_HIDDEN_SHARE);
+        let hidden = |d: &Option<f64>| d.is_none_or(|d| d.abs() > least);
         self.deviations.iter().map(hidden).collect()
+    }
+
+    /// Share of cells that agree with the code, relative to what blur leaves of them.
+    pub(crate) fn agreeing_share(&self) -> f64 {
+        let least = HIDDEN * self.own_share.max(MIN_SHARE);
+        let agreeing = self.deviations.iter().flatten();
+        let agreeing = agreeing.filter(|d| d.abs() < least).count();
+        agreeing as f64 / self.deviations.len() as f64
     }
 
     /// Share of cells that show the tag.
@@ -87,7 +101,8 @@ impl Cells {
         let wrong = cells.filter(|&(row, column)| {
             let towards = if tag.is_white(row, column) { -1.0 } else { 1.0 };
             let deviation = self.deviations[row * tag.cells() + column];
-            deviation.is_none_or(|deviation| towards * deviation > WRONG)
+            let least = WRONG * self.own_share.max(MIN_SHARE);
+            deviation.is_none_or(|deviation| towards * deviation > least)
         });
         wrong.count() as u32
     }

@@ -36,6 +36,11 @@ config! {
         pub min_share: f64 = 0.5,
         /// Maximum number of wrong bits of a tag of known identity.
         pub max_wrong_bits: u32 = 5,
+        /// Minimum share of the cells that agree with the code: of a tag that is sharp, of which the
+        /// others are covered, and of one that motion blurs, whose bits contradict hardly anything.
+        pub min_agreeing_share: [f64; 2] = [0.45, 0.75],
+        /// Motion during the exposure from which on a tag counts as blurred, cells.
+        pub blurred_cells: f64 = 0.7,
         /// Maximum robust cost of a second pose above that of the first, in units of the noise of
         /// pixels: three sigmas squared. Neighboring pixels share their errors, hence more.
         pub max_excess_cost: f64 = 30.0,
@@ -44,6 +49,8 @@ config! {
         /// Standard deviation of the tilt below which no fit is trusted, rad: that of images of the
         /// simulated rig.
         pub tilt_floor_rad: f64 = 0.012,
+        /// Likewise for each cell of motion during the exposure, rad.
+        pub tilt_per_cell_rad: f64 = 0.04,
         /// Standard deviation of a corner below which no fit is trusted, as a share of the blur.
         pub corner_floor_ratio: f64 = 0.06,
     }

@@ -34,9 +34,10 @@ pub struct Fit {
     pub visible_share: Vec<f64>,
     /// Bits that contradict the tag's code, in the eye in which fewest do.
     pub wrong_bits: u32,
-    /// Correlation of the gray levels with the pattern, in the eye in which it is highest. Where
-    /// motion blurs the bits it tells more than they do.
-    pub correlation: f64,
+    /// Share of the cells that agree with the code, relative to what blur leaves of them, in the
+    /// eye in which most do. Bits that are blurred into each other do not contradict a code, but
+    /// cells of another one do not agree with it either.
+    pub agreeing_share: f64,
     /// The tag tilted the other way, if its gray values contradict that hardly more.
     pub other: Option<Minimum>,
 }
@@ -93,14 +94,16 @@ pub fn fit(
     let patches = fitter.patches(&start.pose, &first.selections);
     let problem = problem.with_patches(patches, (&start.pose, start.log_blur))?;
     let second = fitter.solve(&problem, &start, 1.0)?;
-    if second.wrong_bits > config.max_wrong_bits {
-        return None;
-    }
     let other = fitter.other(&problem, &second);
     let (best, other) = match other {
         Some((other, excess)) if excess < 0.0 => (other, Some((second, -excess))),
         other => (second, other),
     };
+    let is_blurred = best.at.motion_cells > config.blurred_cells;
+    let least_share = config.min_agreeing_share[usize::from(is_blurred)];
+    if best.wrong_bits > config.max_wrong_bits || best.agreeing_share < least_share {
+        return None;
+    }
     let minimum = |(solution, excess_cost): (Solution, f64)| {
         Some(Minimum {
             reference_from_tag: solution.state.pose,
@@ -114,8 +117,7 @@ pub fn fit(
         rms_levels: best.at.rms_levels,
         visible_share: best.visible_share,
         wrong_bits: best.wrong_bits,
-        correlation: correlations(&problem, &best.state.pose, best.state.log_blur)?
-            .fold(0.0, f64::max),
+        agreeing_share: best.agreeing_share,
         other: other
             .filter(|(_, excess)| *excess < config.max_excess_cost)
             .and_then(minimum),
@@ -128,22 +130,6 @@ fn windows<'a>(views: &[View<'a>], tag: &Tag, pose: &RigidTransform) -> Vec<Wind
     views
         .filter_map(|view| Window::new(view, tag, pose))
         .collect()
-}
-
-/// Correlation of the gray levels of each eye with the pattern at a pose.
-fn correlations(
-    problem: &Problem<'_>,
-    pose: &RigidTransform,
-    log_blur: f64,
-) -> Option<impl Iterator<Item = f64>> {
-    let patterns = problem.patterns(pose, log_blur)?;
-    Some(patterns.into_iter().map(|of_patch| {
-        let mut moments = Moments::default();
-        for [pattern, level] in of_patch {
-            moments.add(f64::from(pattern), f64::from(level));
-        }
-        moments.correlation()
-    }))
 }
 
 struct Fitter<'a> {
@@ -181,6 +167,7 @@ struct Solution {
     selections: Vec<Selection>,
     visible_share: Vec<f64>,
     wrong_bits: u32,
+    agreeing_share: f64,
 }
 
 impl Solution {
@@ -213,7 +200,15 @@ impl<'a> Fitter<'a> {
 
     /// A start from which the fit converges, if this one is not.
     fn align(&self, start: &RigidTransform, problem: &Problem<'_>) -> Option<RigidTransform> {
-        if correlations(problem, start, 0.0)?.fold(1.0, f64::min) > self.config.min_start_correlation {
+        let patterns = problem.patterns(start, 0.0)?;
+        let correlations = patterns.iter().map(|of_patch| {
+            let mut moments = Moments::default();
+            for [pattern, level] in of_patch {
+                moments.add(f64::from(*pattern), f64::from(*level));
+            }
+            moments.correlation()
+        });
+        if correlations.fold(1.0, f64::min) > self.config.min_start_correlation {
             return None;
         }
         let patches: Vec<&Patch<'_>> = problem.patches.iter().map(|own| &own.patch).collect();
@@ -298,7 +293,7 @@ impl<'a> Fitter<'a> {
         let (tag, motion, pose) = (self.tag, self.motion, &state.pose);
         let mut selections = vec![Selection::all(tag, self.config); self.views];
         let mut visible_share = vec![0.0; self.views];
-        let mut wrong_bits = u32::MAX;
+        let (mut wrong_bits, mut agreeing_share) = (u32::MAX, 0.0);
         for (own, levels) in problem.patches.iter().zip(&state.levels) {
             let eye = own.patch.eye;
             let window = self.windows.iter().find(|own| own.eye == eye)?;
@@ -308,6 +303,7 @@ impl<'a> Fitter<'a> {
             let cells = Cells::new(window, tag, pose, motion, (levels, &tone), light);
             visible_share[eye] = cells.visible_share();
             wrong_bits = wrong_bits.min(cells.wrong_bits(tag));
+            agreeing_share = cells.agreeing_share().max(agreeing_share);
             selections[eye] = Selection {
                 blur_px: self.config.blur_px * libm::exp(state.log_blur),
                 is_hidden: cells.is_hidden(),
@@ -319,6 +315,7 @@ impl<'a> Fitter<'a> {
             selections,
             visible_share,
             wrong_bits,
+            agreeing_share,
         })
     }
 

@@ -64,6 +64,8 @@ pub(crate) struct Linearization {
     pub(crate) rms_levels: f64,
     /// Blur on the tag in the sharpest eye, m.
     blur_m: f64,
+    /// Motion during the exposure in the eye with the least, cells.
+    pub(crate) motion_cells: f64,
 }
 
 impl Linearization {
@@ -85,8 +87,9 @@ impl Linearization {
         let in_plane = 0.5 * (pose[(3, 3)] + pose[(4, 4)]) + pose[(2, 2)] * half * half;
         let floor = (config.corner_floor_ratio * self.blur_m).powi(2);
         let mut covariance = pose * (1.0 + floor / in_plane.max(1e-18));
+        let by_motion = config.tilt_per_cell_rad * self.motion_cells;
         for k in 0..2 {
-            covariance[(k, k)] += config.tilt_floor_rad * config.tilt_floor_rad;
+            covariance[(k, k)] += config.tilt_floor_rad.powi(2) + by_motion * by_motion;
         }
         Some(covariance)
     }
@@ -326,7 +329,10 @@ impl<'a> Problem<'a> {
             let [x, y] = own.template.blur().reach_cells(growth);
             (x * y).sqrt() * self.tag.cell_m()
         });
+        let motions =
+            (self.patches.iter()).map(|own| libm::hypot(own.blur.motion[0], own.blur.motion[1]));
         Linearization {
+            motion_cells: motions.fold(f64::INFINITY, f64::min),
             hessian,
             gradient,
             rms_levels: (squares / weights.max(1.0)).sqrt(),

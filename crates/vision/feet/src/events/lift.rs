@@ -16,7 +16,7 @@ use super::strike::Strike;
 use super::times::{Habit, Row, STEP_S, fit, log_normal, moments, typical, weights, without_prior};
 use crate::config::EventConfig;
 use crate::contact::{Event, FootStances, seconds};
-use crate::poses::motion;
+use crate::poses::{distance, motion};
 use crate::stance::Stance;
 
 /// Error of a place of the toe besides that of the pose, m, and of a pitch, rad: soles bend.
@@ -248,14 +248,12 @@ fn leaving(foot: &FootStances<'_>, stance: &Stance, latest_s: f64) -> Vec<Leavin
         .take_while(|own| seconds(own.time_ns) < end_s)
         .map(|own| {
             let at = Vector3::from(own.world_from_foot.apply(toe));
-            let [x, y, _, _, pitch, _] = own.covariance.sigmas();
+            let pitch = own.covariance.sigmas()[4];
             let turned = motion(&stance.world_from_foot, &own.world_from_foot);
+            let [distance, variance] = distance(own, &toe, &at_rest, &at);
             Leaving {
                 time_s: seconds(own.time_ns),
-                toe: [
-                    (at - at_rest).norm(),
-                    x.max(y).powi(2) + TOE_SIGMA_M * TOE_SIGMA_M,
-                ],
+                toe: [distance, variance + TOE_SIGMA_M * TOE_SIGMA_M],
                 pitch: [turned[4], pitch * pitch + PITCH_SIGMA * PITCH_SIGMA],
             }
         })

@@ -12,7 +12,7 @@ use super::times::{
 };
 use crate::config::EventConfig;
 use crate::contact::{Event, FootStances, seconds};
-use crate::poses::motion;
+use crate::poses::{distance, motion};
 use crate::stance::Stance;
 
 /// Error of a distance of the heel besides that of the pose, m, and of a pitch, rad: shoes bend and
@@ -204,14 +204,12 @@ fn approach(
         .filter(|own| seconds(own.time_ns) < first_s + AFTER_S)
         .map(|own| {
             let at = Vector3::from(own.world_from_foot.apply(heel));
-            let [x, y, _, _, pitch, _] = own.covariance.sigmas();
+            let pitch = own.covariance.sigmas()[4];
             let turned = motion(&stance.world_from_foot, &own.world_from_foot);
+            let [distance, variance] = distance(own, &heel, &at_rest, &at);
             Approach {
                 time_s: seconds(own.time_ns),
-                heel: [
-                    (at - at_rest).norm(),
-                    x.max(y).powi(2) + HEEL_SIGMA_M * HEEL_SIGMA_M,
-                ],
+                heel: [distance, variance + HEEL_SIGMA_M * HEEL_SIGMA_M],
                 pitch: [-turned[4], pitch * pitch + PITCH_SIGMA * PITCH_SIGMA],
             }
         })
