@@ -43,12 +43,14 @@ config! {
         /// Minimum share of the cells of such a tag that agree with its code: blurred bits hardly
         /// contradict the tag of the other foot.
         pub min_agreeing_share: f64 = 0.85,
+        /// Time after the last detection from which on a foot may have landed elsewhere, s.
+        pub landing_s: f64 = 0.25,
         /// Distance around the rig in which feet may land, m.
         pub landing_m: f64 = 0.6,
         /// Directions of a foot that are tried, relative to its last one, rad.
         pub turns_rad: [f64; 3] = [0.0, -0.3, 0.3],
         /// Difference of heights of a foot that are tried apart, m.
-        pub height_m: f64 = 0.06,
+        pub height_m: f64 = 0.08,
     }
 
     /// Feet from their tags.

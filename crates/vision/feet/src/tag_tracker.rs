@@ -236,6 +236,9 @@ impl TagTracker {
         let (Some(foot), Some(rig)) = (&self.feet[shoe], &frame.rig) else {
             return Vec::new();
         };
+        if foot.age_s(frame.time_ns) < self.config.search.landing_s {
+            return Vec::new();
+        }
         let last = foot.last_pose();
         let below = rig.world_from_rig.translation();
         let heights = self.heights(shoe);

@@ -4,6 +4,8 @@
 //! orientation of the tag and its motion are approximately known, and its place is not: the printed
 //! pattern, blurred as its motion says, is correlated with all places of a region.
 
+use std::ops::Range;
+
 use cad_transforms::RigidTransform;
 use estimator_config::config;
 use nalgebra::Vector3;
@@ -16,8 +18,11 @@ use crate::view::{Motion, View, pixel_axes};
 config! {
     /// Configuration of [`locate`].
     pub struct LocateConfig {
-        /// Pixels per cell of the image that is searched, at least: finer ones are joined.
+        /// Pixels per cell in which places are compared at last, at least: finer ones are joined.
         pub px_per_cell: f64 = 1.2,
+        /// Number of places that are compared so: the best ones of a search in pixels of twice that
+        /// size.
+        pub candidates: usize = 60,
         /// Minimum correlation with the pattern.
         pub min_correlation: f64 = 0.6,
         /// Minimum standard deviation of the gray levels that are compared.
@@ -50,9 +55,21 @@ pub fn locate(
     config: &LocateConfig,
 ) -> Option<Place> {
     let of_start = |start: &RigidTransform| {
-        let kernel = Kernel::new(view, tag, start, motion, config)?;
-        let region = Region::around(view, start, reach_m, kernel.factor)?;
-        let (pixel, correlation) = region.best(&kernel, config)?;
+        let axes = pixel_axes(view, start, motion)?.map(|axis| axis.map(|v| v / tag.cell_m()));
+        let [x, y] = axes;
+        let px_per_cell = 1.0 / (x[0] * y[1] - x[1] * y[0]).abs().max(1e-9).sqrt();
+        let factor = ((px_per_cell / config.px_per_cell) as usize).max(1);
+        let around = |factor: usize| {
+            let joined_px = ((factor * factor - 1) as f64 / 12.0).sqrt();
+            let blur = Blur::new(view, tag, start, motion, config.blur_px.hypot(joined_px))?;
+            let kernel = Kernel::new(tag, &blur, &axes, factor)?;
+            Some((kernel, Region::around(view, start, reach_m, factor)?))
+        };
+        let (coarse_kernel, coarse) = around(2 * factor)?;
+        let (kernel, region) = around(factor)?;
+        let (pixel, correlation) = (coarse.candidates(&coarse_kernel, config).into_iter())
+            .filter_map(|pixel| region.best_near(&kernel, pixel, config))
+            .max_by(|a, b| a.1.total_cmp(&b.1))?;
         let reference_from_tag = at_pixel(view, start, normal, pixel)?;
         Some(Place {
             reference_from_tag,
@@ -87,8 +104,6 @@ fn at_pixel(
 
 /// The pattern of a tag in joined pixels, minus its mean.
 struct Kernel {
-    /// Pixels along a side that are joined to one.
-    factor: usize,
     rows: Vec<KernelRow>,
     count: f32,
     /// Sum of the squares.
@@ -103,25 +118,15 @@ struct KernelRow {
 }
 
 impl Kernel {
-    fn new(
-        view: &View<'_>,
-        tag: &Tag,
-        pose: &RigidTransform,
-        motion: &Motion,
-        config: &LocateConfig,
-    ) -> Option<Self> {
-        let axes = pixel_axes(view, pose, motion)?.map(|axis| axis.map(|v| v / tag.cell_m()));
-        let [x, y] = axes;
+    /// `axes` are the motions on the tag by a pixel to the right and one down, cells; the blur is
+    /// that in joined pixels.
+    fn new(tag: &Tag, blur: &Blur, [x, y]: &[[f64; 2]; 2], factor: usize) -> Option<Self> {
+        let template = Template::new(tag, blur);
         let area = (x[0] * y[1] - x[1] * y[0]).abs();
         if area <= 0.0 {
             return None;
         }
         let px_per_cell = 1.0 / area.sqrt();
-        let factor = ((px_per_cell / config.px_per_cell) as usize).max(1);
-        // Of joined pixels, besides the width of one.
-        let joined_px = ((factor * factor - 1) as f64 / 12.0).sqrt();
-        let blur = Blur::new(view, tag, pose, motion, config.blur_px.hypot(joined_px))?;
-        let template = Template::new(tag, &blur);
         let reach = (1.5 * tag.half_cells() * px_per_cell / factor as f64).ceil() as isize;
         let half = tag.half_cells();
         let step = factor as f64;
@@ -155,7 +160,6 @@ impl Kernel {
             }
         }
         (squares > 0.0).then_some(Self {
-            factor,
             rows,
             count,
             squares,
@@ -231,33 +235,77 @@ impl Region {
         })
     }
 
-    /// The pixel of the image at which the pattern correlates best, and its correlation.
-    fn best(&self, kernel: &Kernel, config: &LocateConfig) -> Option<([f64; 2], f64)> {
+    /// The pixels of the image at which the pattern correlates best, the best one of some around
+    /// each.
+    fn candidates(&self, kernel: &Kernel, config: &LocateConfig) -> Vec<[f64; 2]> {
+        let Some([columns, rows]) = self.places(kernel) else {
+            return Vec::new();
+        };
+        // The best place of each square of places.
+        const SQUARE: isize = 3;
+        let mut best = Vec::new();
+        for top in rows.clone().step_by(SQUARE as usize) {
+            for left in columns.clone().step_by(SQUARE as usize) {
+                let square = (top..(top + SQUARE).min(rows.end)).flat_map(|row| {
+                    (left..(left + SQUARE).min(columns.end)).map(move |column| [column, row])
+                });
+                let scores = square.map(|at| (at, self.correlation(kernel, at, config)));
+                best.extend(scores.max_by(|a, b| a.1.total_cmp(&b.1)));
+            }
+        }
+        best.sort_by(|a, b| b.1.total_cmp(&a.1));
+        best.truncate(config.candidates);
+        best.into_iter().map(|(at, _)| self.pixel(at)).collect()
+    }
+
+    /// The pixel near another one at which the pattern correlates best, and its correlation.
+    fn best_near(
+        &self,
+        kernel: &Kernel,
+        near: [f64; 2],
+        config: &LocateConfig,
+    ) -> Option<([f64; 2], f64)> {
+        const AROUND: isize = 2;
+        let [columns, rows] = self.places(kernel)?;
+        let middle = 0.5 * (self.factor as f64 - 1.0);
+        let [column, row] = [0, 1].map(|k| {
+            let place = (near[k] - self.from[k] as f64 - middle) / self.factor as f64;
+            place.round() as isize
+        });
+        let near = |place: isize, of: &Range<isize>| {
+            (place - AROUND).max(of.start)..(place + AROUND + 1).min(of.end)
+        };
+        let columns = near(column, &columns);
+        let places =
+            near(row, &rows).flat_map(|row| columns.clone().map(move |column| [column, row]));
+        let scores = places.map(|at| (at, self.correlation(kernel, at, config)));
+        let (at, correlation) = scores.max_by(|a, b| a.1.total_cmp(&b.1))?;
+        Some((self.pixel(at), f64::from(correlation)))
+    }
+
+    /// Columns and rows at which the whole pattern is in the region.
+    fn places(&self, kernel: &Kernel) -> Option<[Range<isize>; 2]> {
         let [width, height] = self.size.map(|size| size as isize);
-        let first = kernel.rows.first()?.row;
-        let last = kernel.rows.last()?.row;
+        let [first, last] = [kernel.rows.first()?.row, kernel.rows.last()?.row];
         let left = kernel.rows.iter().map(|row| row.column).min()?;
         let end = |row: &KernelRow| row.column + row.values.len() as isize;
         let right = kernel.rows.iter().map(end).max()?;
-        let least = (config.min_deviation_levels * config.min_deviation_levels) as f32;
-        let mut best = None;
-        for row in -first..height - last {
-            for column in -left..=width - right {
-                let correlation = self.correlation(kernel, [column, row], least);
-                if best.is_none_or(|(_, most)| correlation > most) {
-                    best = Some(([column, row], correlation));
-                }
-            }
-        }
-        let (at, correlation) = best?;
-        let pixel = [0, 1].map(|k| {
-            let middle = 0.5 * (self.factor as f64 - 1.0);
-            self.from[k] as f64 + at[k] as f64 * self.factor as f64 + middle
-        });
-        Some((pixel, f64::from(correlation)))
+        Some([-left..width - right + 1, -first..height - last])
     }
 
-    fn correlation(&self, kernel: &Kernel, [column, row]: [isize; 2], least: f32) -> f32 {
+    /// The pixel of the image in the middle of a joined one.
+    fn pixel(&self, at: [isize; 2]) -> [f64; 2] {
+        let middle = 0.5 * (self.factor as f64 - 1.0);
+        [0, 1].map(|k| self.from[k] as f64 + at[k] as f64 * self.factor as f64 + middle)
+    }
+
+    fn correlation(
+        &self,
+        kernel: &Kernel,
+        [column, row]: [isize; 2],
+        config: &LocateConfig,
+    ) -> f32 {
+        let least = (config.min_deviation_levels * config.min_deviation_levels) as f32;
         let (mut product, mut sum, mut squares) = (0.0, 0.0, 0.0);
         let width = self.size[0];
         for own in &kernel.rows {
