@@ -6,7 +6,8 @@
 //! between those of the same and the other foot, and some time before the lift of that. Toe offs
 //! come from the toe where frames show it leave, and from the strike of the other foot, see
 //! `events/lift.rs`. What is typical of the wearer's steps is learned from those that are seen
-//! well, and then used for the others.
+//! well, and then used for the others. So is how the trunk moves around a strike, see
+//! `events/trunk.rs`.
 
 use crate::config::EventConfig;
 use crate::contact::seconds;
@@ -16,16 +17,33 @@ use crate::stance::Stance;
 mod lift;
 mod strike;
 mod times;
+mod trunk;
 
 use self::lift::{Lift, LiftHabit, bearing_share, lift};
 use self::strike::{Strike, StrikeHabit, strike};
+pub use self::trunk::RigHeights;
+use self::trunk::TrunkHabit;
 
-/// The contacts of both feet, left and right, from their stances.
-pub fn contacts(feet: [FootStances<'_>; 2], config: &EventConfig) -> [Vec<Contact>; 2] {
+/// The contacts of both feet, left and right, from their stances and the heights of the rig.
+pub fn contacts(
+    feet: [FootStances<'_>; 2],
+    heights: &RigHeights,
+    config: &EventConfig,
+) -> [Vec<Contact>; 2] {
     let habit = StrikeHabit::generic(config);
     let generic = feet.map(|foot| strikes(&foot, &habit, config));
     let habit = StrikeHabit::learned(generic.iter().flatten(), config);
     let shown = feet.map(|foot| strikes(&foot, &habit, config));
+    let sure = [0, 1].into_iter().flat_map(|side: usize| {
+        let own = shown[side].iter().map(|own| own.heel_strike).enumerate();
+        let of_level = own.filter(move |(k, _)| is_level(&feet[side], *k));
+        of_level.filter(|(_, own)| own.is_seen && own.sigma_s < SURE_S)
+    });
+    let trunk = TrunkHabit::learned(heights, sure.map(|(_, own)| own.time_s));
+    let by_trunk = |foot: &FootStances<'_>, k: usize, expected_s: f64| {
+        let trunk = trunk.as_ref().filter(|_| is_level(foot, k));
+        trunk?.strike(expected_s)
+    };
     let generic = LiftHabit::generic(config);
     let lifts = |strikes: &[Vec<Strike>; 2], habit: &LiftHabit| {
         [0, 1].map(|side| {
@@ -38,12 +56,15 @@ pub fn contacts(feet: [FootStances<'_>; 2], config: &EventConfig) -> [Vec<Contac
     let strikes = [0, 1].map(|side| -> Vec<Strike> {
         let (foot, own, other) = (&feet[side], &shown[side], &shown[1 - side]);
         let again = |k: usize| {
-            if own[k].heel_strike.is_seen {
-                return own[k].clone();
+            let shown = own[k].heel_strike;
+            if shown.is_seen {
+                return strike(foot, k, by_trunk(foot, k, shown.time_s), &habit, config);
             }
             let by_lift = before_lift(foot, k, &shown_lifts[1 - side]);
             let by_others = product(between(&own[k], other), by_lift);
             let prior = product(between_own(own, k), by_others);
+            let expected = strike(foot, k, prior, &habit, config);
+            let prior = product(prior, by_trunk(foot, k, expected.heel_strike.time_s));
             strike(foot, k, prior, &habit, config)
         };
         (0..own.len()).map(again).collect()
@@ -67,6 +88,20 @@ pub fn contacts(feet: [FootStances<'_>; 2], config: &EventConfig) -> [Vec<Contac
     })
 }
 
+/// Maximum difference of the heights of two contacts of a foot on level ground, m: on stairs the
+/// trunk moves otherwise.
+const MAX_RISE_M: f64 = 0.06;
+
+/// Whether a foot comes to rest about as high as before.
+fn is_level(foot: &FootStances<'_>, index: usize) -> bool {
+    let height = |k: usize| Some(foot.stances.get(k)?.world_from_foot.translation().z);
+    let before = index.checked_sub(1).and_then(height);
+    let rise = before
+        .zip(height(index))
+        .map(|(before, after)| after - before);
+    rise.is_some_and(|rise| rise.abs() < MAX_RISE_M)
+}
+
 fn strikes(foot: &FootStances<'_>, habit: &StrikeHabit, config: &EventConfig) -> Vec<Strike> {
     let stances = 0..foot.stances.len();
     stances
@@ -79,7 +114,8 @@ fn strikes(foot: &FootStances<'_>, habit: &StrikeHabit, config: &EventConfig) ->
 const ASYMMETRY: f64 = 0.04;
 const MAX_STRIDE_S: f64 = 1.6;
 
-/// Standard deviation up to which a strike of the other foot tells one that no frame shows, s.
+/// Standard deviation up to which a strike tells other ones, or how the trunk moves; of the other
+/// foot one that no frame shows, s.
 const SURE_S: f64 = 0.04;
 /// Standard deviation of the time in which both feet bear, as a share of the stride, and the stride
 /// where it is unknown, s.

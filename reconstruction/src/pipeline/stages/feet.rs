@@ -9,7 +9,7 @@
 
 use std::collections::BTreeSet;
 
-use ::feet::events::{Contact, Event, FootStances, contacts};
+use ::feet::events::{Contact, Event, FootStances, RigHeights, contacts};
 use ::feet::observation::{TagPose, foot_candidates, foot_observations};
 use ::feet::shoe::Side;
 use ::feet::stance::{FootObservation, Stance, stances};
@@ -140,7 +140,18 @@ impl Gait {
             stances: &at_rest[k],
             sole: edges(rig, Foot::ALL[k]),
         });
-        let contacts = contacts(seen, &config.events);
+        let known = trajectory
+            .poses()
+            .iter()
+            .filter(|pose| pose.status != Status::Lost);
+        let height = |pose: &Pose| {
+            [
+                1e-9 * pose.time_ns as f64,
+                pose.world_from_rig.translation_m()[2],
+            ]
+        };
+        let heights = RigHeights::new(known.map(height).collect());
+        let contacts = contacts(seen, &heights, &config.events);
         Self { observed, contacts }
     }
 }

@@ -64,7 +64,7 @@ fn errors(rate_hz: f64, noise_m: f64) -> [Vec<[f64; 2]>; 2] {
             stances: &found[k],
             sole: SOLE,
         });
-        let contacts = contacts(feet, &config.events);
+        let contacts = contacts(feet, &RigHeights::default(), &config.events);
         for (side, contacts) in contacts.iter().enumerate() {
             // Of the first and the last one not everything is seen.
             for contact in &contacts[1..contacts.len() - 2] {
@@ -143,7 +143,7 @@ fn a_single_stance_has_all_events_in_order() {
         stances: &[],
         sole: SOLE,
     };
-    let [contacts, others] = contacts([foot, none], &config.events);
+    let [contacts, others] = contacts([foot, none], &RigHeights::default(), &config.events);
     assert!(others.is_empty());
     let contact = &contacts[0];
     assert!(contact.heel_off.time_s < contact.toe_off.time_s);
@@ -170,7 +170,7 @@ fn strikes_out_of_sight_are_between_those_of_the_other_foot() {
             stances: &found[k],
             sole: SOLE,
         });
-        let [left, _] = contacts(feet, &config.events);
+        let [left, _] = contacts(feet, &RigHeights::default(), &config.events);
         for contact in &left[1..left.len() - 2] {
             let strike = contact.heel_strike;
             let strides = (strike.time_s - phase) / STRIDE_S;

@@ -1,7 +1,7 @@
 use super::*;
 use crate::GaitConfig;
 use crate::contact::SoleEdges;
-use crate::events::{Event, FootStances, contacts};
+use crate::events::{Event, FootStances, RigHeights, contacts};
 use crate::poses::motion;
 use crate::shoe::Side;
 use crate::stance::stances;
@@ -82,7 +82,7 @@ fn hidden_swings_are_bridged_with_honest_covariance() {
         stances: &stances,
         sole: SOLE,
     };
-    let [contacts, _] = contacts([own, other], &config.events);
+    let [contacts, _] = contacts([own, other], &RigHeights::default(), &config.events);
     let foot = FootContacts {
         side: Side::Left,
         observations: &observations,
