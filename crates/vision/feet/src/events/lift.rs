@@ -27,7 +27,9 @@ const TOE_JERK: f64 = 100.0;
 const PITCH_JERK: f64 = 150.0;
 /// Time after the last frame at rest in which frames tell when the foot lifts, s.
 const AFTER_S: f64 = 0.45;
-/// Time before it, likewise.
+/// Time after the toe has left in which a frame shows that it did, s.
+const SHOWN_S: f64 = 0.1;
+/// Time before the last frame at rest, likewise.
 const BEFORE_S: f64 = 0.15;
 /// Logarithm of the ratio by which frames can make a time more probable than another: where they
 /// contradict the gait by more, they show something else.
@@ -46,6 +48,12 @@ const UNKNOWN_LIFT_S: [f64; 2] = [0.3, 0.15];
 const MAX_NEXT_S: f64 = 1.5;
 /// Longest time from there to the strike of the other foot that precedes the lift, s.
 const MAX_OTHER_S: f64 = 0.6;
+/// Change of the time of a stride from the usual one, and speed, m/s, from which on a person walks
+/// regularly, and by what share of the stride toes leave otherwise than usual if not: people who
+/// begin to walk, turn or stop.
+const MAX_STRIDE_CHANGE: f64 = 0.15;
+const MIN_SPEED: f64 = 0.7;
+const IRREGULAR_SHARE: f64 = 0.07;
 /// Minimum time in the air, s.
 const MIN_SWING_S: f64 = 0.2;
 /// Standard deviation of an event that tells what is typical, s.
@@ -131,9 +139,13 @@ pub(super) fn lift(
     let last_s = seconds(stance.times_ns[1]);
     let expected = expected(foot, index, own, other, habit);
     let frames = leaving(foot, stance, expected.latest_s);
+    // Frames before that only say that it is later, which is not typical of a wearer.
     let shown = |event_s: f64| {
-        let near = |own: &Leaving| own.time_s > last_s && own.time_s < event_s + 0.1;
-        frames.iter().any(near)
+        let left = |own: &Leaving| {
+            let is_after = (event_s..event_s + SHOWN_S).contains(&own.time_s);
+            is_after && own.toe[0] > 3.0 * own.toe[1].sqrt()
+        };
+        frames.iter().any(left)
     };
     let toe_habit = Habit {
         mean: Vector3::new(config.toe_speed[0], config.toe_acceleration[0], 0.0),
@@ -201,6 +213,17 @@ fn expected(
     let [[later, later_sigma], [lift_share, lift_sigma]] = habit.shares;
     let usual_share = bearing_share(speed.unwrap_or(1.2));
     let share = usual_share + later;
+    let is_regular =
+        stride_s
+            .zip(speed)
+            .zip(usual_stride_s(own))
+            .is_some_and(|((stride_s, speed), usual_s)| {
+                (stride_s / usual_s - 1.0).abs() < MAX_STRIDE_CHANGE && speed > MIN_SPEED
+            });
+    let later_sigma = match is_regular {
+        true => later_sigma,
+        false => later_sigma.hypot(IRREGULAR_SHARE),
+    };
     let (toe_off, usual_toe_off_s) = match (stride_s, of_other.next()) {
         (Some(stride_s), Some(other))
             if other.time_s < latest_s && other.time_s < last_s + MAX_OTHER_S =>
@@ -226,6 +249,16 @@ fn expected(
         stride_s,
         usual_toe_off_s,
     }
+}
+
+/// Median time from a strike to the next one of the same foot, s.
+fn usual_stride_s(own: &[Strike]) -> Option<f64> {
+    let times = own
+        .windows(2)
+        .map(|of| of[1].heel_strike.time_s - of[0].heel_strike.time_s);
+    let mut times: Vec<f64> = times.filter(|seconds| *seconds < MAX_NEXT_S).collect();
+    times.sort_by(f64::total_cmp);
+    times.get(times.len() / 2).copied()
 }
 
 /// A frame near the end of a stance: its time, s, the distance of the toe from where it rested, m,
