@@ -135,8 +135,8 @@ config! {
         /// Time over which the latter is correlated, s.
         pub correlation_s: f64 = 0.15,
         /// Standard deviations of hidden parts relative to those that follow from the above: errors
-        /// on the walk of the demo were that much larger.
-        pub hidden_factor: f64 = 1.8,
+        /// on the walks that this was developed with were that much larger.
+        pub hidden_factor: f64 = 1.2,
         /// Maximum time from a contact to the next one of the same foot that is one step, s.
         pub max_swing_s: f64 = 1.5,
         /// Time to the next frame of the foot up to which its pose is observed, s.
