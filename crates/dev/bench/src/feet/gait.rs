@@ -3,7 +3,7 @@
 //! Poses of the rig are the true ones, so errors of places are those in the camera.
 
 use cad_transforms::{Covariance, RigidTransform};
-use feet::events::{Contact, FootStances, contacts};
+use feet::events::{Contact, FootStances, RigHeights, contacts};
 use feet::observation::{TagPose, foot_candidates, foot_observations};
 use feet::shoe::Side;
 use feet::stance::{FootObservation, Stance, stances};
@@ -14,7 +14,7 @@ use feet::{FootConfig, GaitConfig};
 use nalgebra::Vector6;
 use serde::{Deserialize, Serialize};
 
-use super::recording::{Recording, TRUTH_STEP_S, TrueContact, TruePose};
+use super::recording::{FrameTruth, Recording, TRUTH_STEP_S, TrueContact, TruePose};
 use super::statistics::{percentile, rms};
 
 /// Edges of the sole of the simulated wearer.
@@ -62,7 +62,8 @@ pub(super) struct Row {
 /// Errors of both feet, and each single one for sums over walks.
 pub(super) fn row(recording: &Recording) -> (Row, Errors) {
     let observed = [0, 1].map(|foot| observations(recording, foot));
-    let found = estimate(&observed);
+    let heights = heights(recording);
+    let found = estimate(&observed, &heights);
     let count = recording.feet[0].len();
     let times: Vec<i64> = (0..count).map(|n| time_ns(recording, n)).collect();
     let poses = poses(&observed, &found, [times.as_slice(); 2]);
@@ -97,6 +98,50 @@ pub(super) fn row(recording: &Recording) -> (Row, Errors) {
             if counts(&truth[at]) {
                 row.found += 1;
                 errors.contact(contact, &truth[at]);
+                if std::env::var("DBG").is_ok() {
+                    let t = &truth[at];
+                    let near: Vec<String> = observed[foot]
+                        .iter()
+                        .filter(|o| {
+                            (t.strike_s - 0.35..t.flat_s + 0.1).contains(&(1e-9 * o.time_ns as f64))
+                        })
+                        .map(|o| {
+                            let m = motion(&t.world_from_foot, &o.world_from_foot);
+                            let heel = t.world_from_foot.inverse() * o.world_from_foot;
+                            let heel = heel.apply([-0.13, 0.0, 0.0]);
+                            format!(
+                                "{:.0}:{:.0},{:.0},{:.2}~{:.2}",
+                                1e3 * (1e-9 * o.time_ns as f64 - t.strike_s),
+                                1e3 * (heel[0] + 0.13),
+                                1e3 * heel[2],
+                                -m[4],
+                                o.covariance.sigmas()[4]
+                            )
+                        })
+                        .collect();
+                    if at + 1 < truth.len() { let o = &recording.contacts[1 - foot]; if let Some(other) = o.iter().find(|o| o.strike_s > t.strike_s) { let n = &truth[at + 1]; let stride = n.strike_s - t.strike_s; let v = (n.world_from_foot.translation() - t.world_from_foot.translation()).norm() / stride; println!("DUTY {:.3} kirtley {:.3} v {v:.2} stride {stride:.2} est {:.0}", 0.5 + (t.toe_off_s - other.strike_s) / stride, 0.642 - 0.035 * v, 1e3 * (contact.toe_off.time_s - t.toe_off_s)); } }
+println!(
+                        "STR foot {foot} t {:.2} err {:.0} sigma {:.0} seen {} flat {:.0} first {:.0} | {}",
+                        t.strike_s,
+                        1e3 * (contact.heel_strike.time_s - t.strike_s),
+                        1e3 * contact.heel_strike.sigma_s,
+                        contact.heel_strike.is_seen,
+                        1e3 * (t.flat_s - t.strike_s),
+                        1e3 * (1e-9 * contact.stance.times_ns[0] as f64 - t.strike_s),
+                        near.join(" ")
+                    );
+                    { let toe = [0.15, 0.0, 0.0]; let near: Vec<String> = observed[foot].iter().filter(|o| (t.toe_off_s - 0.12..t.toe_off_s + 0.2).contains(&(1e-9 * o.time_ns as f64))).map(|o| { let f = recording.frames.iter().find(|f| f.time_ns == o.time_ns).unwrap(); let d = |w: &RigidTransform| { let a = nalgebra::Vector3::from(w.apply(toe)) - nalgebra::Vector3::from(t.world_from_foot.apply(toe)); 1e3 * a.norm() }; format!("{:.0}:{:.0}({:.0})", 1e3 * (1e-9 * o.time_ns as f64 - t.toe_off_s), d(&o.world_from_foot), d(&f.feet[foot].world_from_foot)) }).collect(); println!("TOF {foot} {:.2} {}", t.toe_off_s, near.join(" ")); }
+println!(
+                        "TOE foot {foot} t {:.2} err {:.0} sigma {:.0} seen {} last {:.0} heeloff {:.0} herr {:.0}",
+                        t.toe_off_s,
+                        1e3 * (contact.toe_off.time_s - t.toe_off_s),
+                        1e3 * contact.toe_off.sigma_s,
+                        contact.toe_off.is_seen,
+                        1e3 * (1e-9 * contact.stance.times_ns[1] as f64 - t.toe_off_s),
+                        1e3 * (t.heel_off_s - t.toe_off_s),
+                        1e3 * (contact.heel_off.time_s - t.heel_off_s)
+                    );
+                }
             }
         }
         for (pose, truth) in poses[foot].iter().zip(&recording.feet[foot]) {
@@ -107,7 +152,12 @@ pub(super) fn row(recording: &Recording) -> (Row, Errors) {
             }
         }
     }
-    drop_swings(recording, &observed, &found, &mut errors.dropped);
+    drop_swings(
+        (recording, &heights),
+        &observed,
+        &found,
+        &mut errors.dropped,
+    );
     (errors.complete(row), errors)
 }
 
@@ -143,7 +193,16 @@ fn observations(recording: &Recording, foot: usize) -> Vec<FootObservation> {
     foot_observations(candidates, &config)
 }
 
-fn estimate(observed: &[Vec<FootObservation>; 2]) -> [Vec<Contact>; 2] {
+/// Heights of the rig at the times of frames.
+fn heights(recording: &Recording) -> RigHeights {
+    let of_frame = |frame: &FrameTruth| {
+        let time_s = 1e-9 * frame.time_ns as f64;
+        [time_s, frame.world_from_rig.translation_m()[2]]
+    };
+    RigHeights::new(recording.frames.iter().map(of_frame).collect())
+}
+
+fn estimate(observed: &[Vec<FootObservation>; 2], heights: &RigHeights) -> [Vec<Contact>; 2] {
     let config = GaitConfig::default();
     let at_rest: [Vec<Stance>; 2] = observed.each_ref().map(|own| stances(own, &config.stance));
     let seen = [0, 1].map(|k: usize| FootStances {
@@ -151,7 +210,7 @@ fn estimate(observed: &[Vec<FootObservation>; 2]) -> [Vec<Contact>; 2] {
         stances: &at_rest[k],
         sole: SOLE,
     });
-    contacts(seen, &config.events)
+    contacts(seen, heights, &config.events)
 }
 
 /// Poses of both feet at times.
@@ -174,7 +233,7 @@ fn poses(
 /// Hides all frames between two contacts, of every other swing at a time, and compares the poses
 /// there with the truth.
 fn drop_swings(
-    recording: &Recording,
+    (recording, heights): (&Recording, &RigHeights),
     observed: &[Vec<FootObservation>; 2],
     found: &[Vec<Contact>; 2],
     errors: &mut SwingErrors,
@@ -194,7 +253,7 @@ fn drop_swings(
             hidden[foot] = out;
             kept
         });
-        let again = estimate(&kept);
+        let again = estimate(&kept, heights);
         let times = hidden
             .each_ref()
             .map(|hidden| -> Vec<i64> { hidden.iter().map(|own| own.time_ns).collect() });
