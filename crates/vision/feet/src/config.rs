@@ -141,6 +141,9 @@ config! {
         pub max_swing_s: f64 = 1.5,
         /// Time to the next frame of the foot up to which its pose is observed, s.
         pub observed_s: f64 = 0.05,
+        /// Time after the last frame for which a foot at rest is taken to stay, where later frames
+        /// are unknown, s: a foot that the example's mount no longer shows may lift soon.
+        pub causal_held_s: f64 = 0.12,
     }
 
     /// Feet at rest.

@@ -8,6 +8,7 @@
 //! the toe, y to the left, z up from the sole. Nothing here knows sessions, files or images other
 //! than gray ones.
 
+pub mod causal;
 mod config;
 mod contact;
 mod deviation;

@@ -97,7 +97,52 @@ pub fn foot_observations(
     config: &FootConfig,
 ) -> Vec<FootObservation> {
     let frames = surest(candidates);
-    // The least cost with which a sequence ends in each pose, and the pose before it there.
+    let costs = costs(&frames, config);
+    let last = costs.last().map(|last| last.iter().enumerate());
+    let mut next = last.and_then(|last| last.min_by(|a, b| a.1.0.total_cmp(&b.1.0)));
+    let mut found = Vec::with_capacity(frames.len());
+    for (k, frame) in frames.iter().enumerate().rev() {
+        let Some((chosen, (_, before))) = next else {
+            break;
+        };
+        found.push(frame.observation(chosen));
+        next = k.checked_sub(1).map(|k| (*before, &costs[k][*before]));
+    }
+    found.reverse();
+    found
+}
+
+/// The same by what frames show until then: each pose is the most probable one without later
+/// frames.
+pub fn causal_observations(
+    candidates: impl IntoIterator<Item = FootCandidates>,
+    config: &FootConfig,
+) -> Vec<FootObservation> {
+    let frames = surest(candidates);
+    let costs = costs(&frames, config);
+    let parts = frames.iter().zip(&costs);
+    let least = |ends: &[(f64, usize)]| {
+        let ends = ends.iter().enumerate();
+        ends.min_by(|a, b| a.1.0.total_cmp(&b.1.0))
+            .map(|(chosen, _)| chosen)
+    };
+    parts
+        .filter_map(|(frame, ends)| Some(frame.observation(least(ends)?)))
+        .collect()
+}
+
+impl FootCandidates {
+    fn observation(&self, chosen: usize) -> FootObservation {
+        FootObservation {
+            time_ns: self.time_ns,
+            world_from_foot: self.poses[chosen].0,
+            covariance: self.covariance,
+        }
+    }
+}
+
+/// By frame and pose: the least cost with which a sequence ends there, and the pose before it.
+fn costs(frames: &[FootCandidates], config: &FootConfig) -> Vec<Vec<(f64, usize)>> {
     let mut costs: Vec<Vec<(f64, usize)>> = Vec::with_capacity(frames.len());
     for (k, frame) in frames.iter().enumerate() {
         let cost = |pose: &(RigidTransform, f64)| {
@@ -116,22 +161,7 @@ pub fn foot_observations(
         let ends: Vec<(f64, usize)> = frame.poses.iter().map(cost).collect();
         costs.push(ends);
     }
-    let last = costs.last().map(|last| last.iter().enumerate());
-    let mut next = last.and_then(|last| last.min_by(|a, b| a.1.0.total_cmp(&b.1.0)));
-    let mut found = Vec::with_capacity(frames.len());
-    for (k, frame) in frames.iter().enumerate().rev() {
-        let Some((chosen, (_, before))) = next else {
-            break;
-        };
-        found.push(FootObservation {
-            time_ns: frame.time_ns,
-            world_from_foot: frame.poses[chosen].0,
-            covariance: frame.covariance,
-        });
-        next = k.checked_sub(1).map(|k| (*before, &costs[k][*before]));
-    }
-    found.reverse();
-    found
+    costs
 }
 
 /// How improbable a pose is by itself.

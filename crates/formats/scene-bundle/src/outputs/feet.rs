@@ -1,4 +1,5 @@
-//! Output `feet`: `feet.npy`, a row per foot and time.
+//! Output `feet`: a row per foot and time in `feet.npy`, from all frames, and in `causal.npy`, from
+//! those until then.
 //!
 //! Contract: rows are sorted by foot and time, each once.
 
@@ -14,6 +15,7 @@ use crate::npy::{Column, Fields, Kind, TableWriter, rows};
 use crate::scene::OutputReader;
 
 const TABLE: &str = "feet.npy";
+const CAUSAL_TABLE: &str = "causal.npy";
 
 const COLUMNS: [Column; 9] = [
     Column("foot", Kind::U8, 1),
@@ -81,15 +83,21 @@ pub struct FootPose {
     pub status: FootStatus,
 }
 
-/// Writes poses of feet, sorted by foot and time.
+/// Writes poses of feet from all frames, and those from the frames until then, each sorted by foot
+/// and time.
 ///
 /// # Errors
 /// [`BundleError::Refused`] if they are not sorted, [`BundleError::Io`].
-pub fn write(draft: &Draft, poses: &[FootPose]) -> Result<(), BundleError> {
+pub fn write(draft: &Draft, poses: &[FootPose], causal: &[FootPose]) -> Result<(), BundleError> {
+    write_table(draft, TABLE, poses)?;
+    write_table(draft, CAUSAL_TABLE, causal)
+}
+
+fn write_table(draft: &Draft, name: &str, poses: &[FootPose]) -> Result<(), BundleError> {
     if let Some((_, found)) = unsorted(poses) {
-        return Err(refused(draft, TABLE, found, SORTED));
+        return Err(refused(draft, name, found, SORTED));
     }
-    let mut table = TableWriter::create(draft, TABLE, &COLUMNS)?;
+    let mut table = TableWriter::create(draft, name, &COLUMNS)?;
     for pose in poses {
         table.row(|row| {
             row.u8(foot_code(pose.foot));
@@ -106,13 +114,25 @@ pub fn write(draft: &Draft, poses: &[FootPose]) -> Result<(), BundleError> {
     table.finish()
 }
 
-/// Reads poses of feet, sorted by foot and time.
+/// Reads poses of feet from all frames, sorted by foot and time.
 ///
 /// # Errors
 /// As [`OutputReader::read`]; [`BundleError::Malformed`].
 pub fn read(reader: &OutputReader) -> Result<Vec<FootPose>, BundleError> {
-    let bytes = reader.read(TABLE)?;
-    let path = reader.file_path(TABLE);
+    read_table(reader, TABLE)
+}
+
+/// Reads poses of feet from the frames until then, sorted by foot and time.
+///
+/// # Errors
+/// As [`OutputReader::read`]; [`BundleError::Malformed`].
+pub fn read_causal(reader: &OutputReader) -> Result<Vec<FootPose>, BundleError> {
+    read_table(reader, CAUSAL_TABLE)
+}
+
+fn read_table(reader: &OutputReader, name: &str) -> Result<Vec<FootPose>, BundleError> {
+    let bytes = reader.read(name)?;
+    let path = reader.file_path(name);
     let rows = rows(&bytes, &COLUMNS, &path)?.enumerate();
     let poses = rows.map(|(row, fields)| {
         pose(fields).map_err(|(found, expected)| {
