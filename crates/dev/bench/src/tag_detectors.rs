@@ -1,0 +1,180 @@
+//! `tag_detectors`: our search for tags and our template fit beside other detectors of AprilTags,
+//! in one run on the same images.
+//!
+//! - [`conditions`]: what the images differ in.
+//! - [`scene`], [`render`]: a tag on a shoe over ground, drawn at random; its images.
+//! - [`methods`], [`peers`]: ours and theirs.
+//! - [`scores`]: against ground truth.
+//! - [`photos`]: real photos, where the recordings are found.
+//!
+//! Detectors get the whole left image. The fit gets a prediction, as in the tracker: a pose that is
+//! wrong by up to a cell along the tag and some degrees, and a velocity.
+
+use anyhow::Result;
+use rayon::prelude::*;
+use serde::Serialize;
+use serde_json::json;
+
+use self::conditions::{Condition, Resolution, USUAL, sweeps};
+use self::render::Renderer;
+use self::scene::{Camera, Scene};
+use self::scores::{Score, score};
+use crate::arguments::Arguments;
+use crate::odometry::results;
+use crate::stamp;
+
+mod charts;
+mod conditions;
+mod methods;
+mod peers;
+mod photos;
+mod render;
+mod scene;
+mod scores;
+
+/// Seed of the first image of every condition: conditions differ in nothing else.
+const FIRST_SEED: u64 = 70_001;
+/// That of images without a tag.
+const FIRST_WITHOUT: u64 = 90_001;
+/// Images per condition, and without a tag; of quick runs.
+const IMAGES: [u64; 2] = [60, 200];
+const QUICK_IMAGES: [u64; 2] = [12, 12];
+
+/// Scores under a condition.
+#[derive(Debug, Serialize)]
+struct Point {
+    condition: Condition,
+    scores: Vec<Score>,
+}
+
+/// The value of a sweep's variable, and the point of it.
+#[derive(Debug, Serialize)]
+struct Step {
+    variable: &'static str,
+    value: f64,
+    /// Index among the points.
+    point: usize,
+}
+
+/// What is measured on simulated images.
+#[derive(Debug, Default, Serialize)]
+struct Measured {
+    versions: Vec<String>,
+    points: Vec<Point>,
+    steps: Vec<Step>,
+    /// Images without a tag: all that is reported is wrong.
+    without_tag: Vec<Score>,
+}
+
+/// Runs the benchmark: `[--quick] [--out DIR]`.
+///
+/// # Errors
+/// Bad arguments, no interpreter with `pupil-apriltags`, a peer that fails, or an I/O error.
+pub(crate) fn run(args: &[String]) -> Result<()> {
+    let Arguments { quick, out } = Arguments::parse(args)?;
+    if !peers::has_kornia() {
+        eprintln!("kornia-apriltag is left out: no program is named");
+    }
+    let [count, without] = if quick { QUICK_IMAGES } else { IMAGES };
+    let renderers = [Resolution::Vga, Resolution::Hd].map(|own| Renderer::new(Camera::new(own)));
+    let [vga, hd] = renderers;
+    let (vga, hd) = (vga?, hd?);
+    let renderer = |condition: &Condition| match condition.camera {
+        Resolution::Vga => &vga,
+        Resolution::Hd => &hd,
+    };
+    let mut measured = Measured::default();
+    for sweep in sweeps(quick) {
+        for (value, condition) in sweep.points {
+            let known = measured.points.iter();
+            let mut known = known.map(|point| point.condition);
+            let point = match known.position(|own| own == condition) {
+                Some(point) => point,
+                None => {
+                    println!("{} {value}", sweep.variable);
+                    let seeds = (FIRST_SEED, count);
+                    let scores = scores_of(renderer(&condition), &condition, seeds, true)?;
+                    measured.versions = scores.versions;
+                    let scores = scores.scores;
+                    measured.points.push(Point { condition, scores });
+                    measured.points.len() - 1
+                }
+            };
+            measured.steps.push(Step {
+                variable: sweep.variable,
+                value,
+                point,
+            });
+        }
+    }
+    println!("images without a tag");
+    let seeds = (FIRST_WITHOUT, without);
+    measured.without_tag = scores_of(&vga, &USUAL, seeds, false)?.scores;
+    let photos = photos::run()?;
+
+    let stamp = stamp::stamp("tag_detectors", args)?;
+    let mut files = charts::draw(&measured, &stamp::line(&stamp));
+    let report = json!({
+        "benchmark": "tag_detectors",
+        "stamp": stamp,
+        "simulated": measured,
+        "photos": photos,
+    });
+    files.push(("tag_detectors.json".to_owned(), format!("{report:#}\n")));
+    results::write(&out, files)
+}
+
+/// Scores of all methods, and versions of the peers.
+struct Scores {
+    versions: Vec<String>,
+    scores: Vec<Score>,
+}
+
+/// All methods on images of these seeds.
+fn scores_of(
+    renderer: &Renderer,
+    condition: &Condition,
+    (first, count): (u64, u64),
+    has_tag: bool,
+) -> Result<Scores> {
+    let camera = renderer.camera();
+    let seeds: Vec<u64> = (first..first + count).collect();
+    let rendered = seeds.par_iter().map(|&seed| {
+        let scene = Scene::new(camera, condition, seed, has_tag)?;
+        let images = renderer.images(&scene, condition)?;
+        Ok((scene, images))
+    });
+    let rendered: Vec<(Scene, [Vec<u8>; 2])> = rendered.collect::<Result<_>>()?;
+    let (scenes, images): (Vec<Scene>, Vec<[Vec<u8>; 2]>) = rendered.into_iter().unzip();
+    let mut answers = methods::answers(camera, &scenes, &images)?;
+    let left: Vec<&[u8]> = images.iter().map(|[left, _]| &left[..]).collect();
+    let peers = peers::answers(&left, camera.size)?;
+    answers.extend(peers.answers);
+    let scores = answers.iter().map(|own| score(camera, &scenes, own));
+    let scores: Vec<Score> = scores.collect::<Result<_>>()?;
+    scores.iter().for_each(print);
+    Ok(Scores {
+        versions: peers.versions,
+        scores,
+    })
+}
+
+fn print(score: &Score) {
+    println!(
+        "  {:<28} found {:5.1} %, wrong {:2}, corners {:5.2} px (p95 {:5.2}, outward {:+5.2}), range {:5.2} %, \
+         tilt {:5.2}° (p95 {:5.2}), {:6.2} ms",
+        score.method,
+        score.recall_percent(),
+        score.wrong,
+        score.corner_rms_px,
+        score.corner_p95_px,
+        score.corner_outward_px,
+        score.range_rms_percent,
+        score.tilt_median_deg,
+        score.tilt_p95_deg,
+        score.ms,
+    );
+}
+
+#[cfg(test)]
+mod tests;
