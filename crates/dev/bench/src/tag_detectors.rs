@@ -37,7 +37,7 @@ const FIRST_SEED: u64 = 70_001;
 /// That of images without a tag.
 const FIRST_WITHOUT: u64 = 90_001;
 /// Images per condition, and without a tag; of quick runs.
-const IMAGES: [u64; 2] = [60, 200];
+const IMAGES: [u64; 2] = [60, 120];
 const QUICK_IMAGES: [u64; 2] = [12, 12];
 
 /// Scores under a condition.
@@ -76,10 +76,9 @@ pub(crate) fn run(args: &[String]) -> Result<()> {
         eprintln!("kornia-apriltag is left out: no program is named");
     }
     let [count, without] = if quick { QUICK_IMAGES } else { IMAGES };
-    let renderers = [Resolution::Vga, Resolution::Hd].map(|own| Renderer::new(Camera::new(own)));
-    let [vga, hd] = renderers;
-    let (vga, hd) = (vga?, hd?);
-    let renderer = |condition: &Condition| match condition.camera {
+    let vga = Studio::new(Resolution::Vga, (FIRST_SEED, count))?;
+    let hd = Studio::new(Resolution::Hd, (FIRST_SEED, count))?;
+    let studio = |condition: &Condition| match condition.camera {
         Resolution::Vga => &vga,
         Resolution::Hd => &hd,
     };
@@ -92,8 +91,7 @@ pub(crate) fn run(args: &[String]) -> Result<()> {
                 Some(point) => point,
                 None => {
                     println!("{} {value}", sweep.variable);
-                    let seeds = (FIRST_SEED, count);
-                    let scores = scores_of(renderer(&condition), &condition, seeds, true)?;
+                    let scores = studio(&condition).scores(&condition, true)?;
                     measured.versions = scores.versions;
                     let scores = scores.scores;
                     measured.points.push(Point { condition, scores });
@@ -108,8 +106,8 @@ pub(crate) fn run(args: &[String]) -> Result<()> {
         }
     }
     println!("images without a tag");
-    let seeds = (FIRST_WITHOUT, without);
-    measured.without_tag = scores_of(&vga, &USUAL, seeds, false)?.scores;
+    let studio = Studio::new(Resolution::Vga, (FIRST_WITHOUT, without))?;
+    measured.without_tag = studio.scores(&USUAL, false)?.scores;
     let photos = photos::run()?;
 
     let stamp = stamp::stamp("tag_detectors", args)?;
@@ -130,33 +128,49 @@ struct Scores {
     scores: Vec<Score>,
 }
 
-/// All methods on images of these seeds.
-fn scores_of(
-    renderer: &Renderer,
-    condition: &Condition,
-    (first, count): (u64, u64),
-    has_tag: bool,
-) -> Result<Scores> {
-    let camera = renderer.camera();
-    let seeds: Vec<u64> = (first..first + count).collect();
-    let rendered = seeds.par_iter().map(|&seed| {
-        let scene = Scene::new(camera, condition, seed, has_tag)?;
-        let images = renderer.images(&scene, condition)?;
-        Ok((scene, images))
-    });
-    let rendered: Vec<(Scene, [Vec<u8>; 2])> = rendered.collect::<Result<_>>()?;
-    let (scenes, images): (Vec<Scene>, Vec<[Vec<u8>; 2]>) = rendered.into_iter().unzip();
-    let mut answers = methods::answers(camera, &scenes, &images)?;
-    let left: Vec<&[u8]> = images.iter().map(|[left, _]| &left[..]).collect();
-    let peers = peers::answers(&left, camera.size)?;
-    answers.extend(peers.answers);
-    let scores = answers.iter().map(|own| score(camera, &scenes, own));
-    let scores: Vec<Score> = scores.collect::<Result<_>>()?;
-    scores.iter().for_each(print);
-    Ok(Scores {
-        versions: peers.versions,
-        scores,
-    })
+/// A camera, and the grounds of its images.
+struct Studio {
+    renderer: Renderer,
+    first_seed: u64,
+    grounds: Vec<Vec<f32>>,
+}
+
+impl Studio {
+    fn new(resolution: Resolution, (first_seed, count): (u64, u64)) -> Result<Self> {
+        let renderer = Renderer::new(Camera::new(resolution))?;
+        let seeds: Vec<u64> = (first_seed..first_seed + count).collect();
+        let grounds = seeds.par_iter().map(|&seed| renderer.ground(seed)).collect();
+        Ok(Self {
+            renderer,
+            first_seed,
+            grounds,
+        })
+    }
+
+    /// All methods on images under a condition.
+    fn scores(&self, condition: &Condition, has_tag: bool) -> Result<Scores> {
+        let camera = self.renderer.camera();
+        let grounds = self.grounds.par_iter().enumerate();
+        let rendered = grounds.map(|(n, ground)| {
+            let seed = self.first_seed + n as u64;
+            let scene = Scene::new(camera, condition, seed, has_tag)?;
+            let images = self.renderer.images(&scene, condition, ground)?;
+            Ok((scene, images))
+        });
+        let rendered: Vec<(Scene, [Vec<u8>; 2])> = rendered.collect::<Result<_>>()?;
+        let (scenes, images): (Vec<Scene>, Vec<[Vec<u8>; 2]>) = rendered.into_iter().unzip();
+        let mut answers = methods::answers(camera, &scenes, &images)?;
+        let left: Vec<&[u8]> = images.iter().map(|[left, _]| &left[..]).collect();
+        let peers = peers::answers(&left, camera.size)?;
+        answers.extend(peers.answers);
+        let scores = answers.iter().map(|own| score(camera, &scenes, own));
+        let scores: Vec<Score> = scores.collect::<Result<_>>()?;
+        scores.iter().for_each(print);
+        Ok(Scores {
+            versions: peers.versions,
+            scores,
+        })
+    }
 }
 
 fn print(score: &Score) {

@@ -2,7 +2,8 @@
 //! the lens and the width of a pixel, the tone curve, noise, 8 bits.
 //!
 //! Nothing here is shared with the images that the fit is tested on, nor with those of the
-//! simulated rig. The shutter is global.
+//! simulated rig. The shutter is global. Grounds depend on the seed alone: they are rendered once
+//! for all conditions.
 
 use anyhow::{Context, Result};
 use boards::Dictionary;
@@ -17,7 +18,7 @@ const LENS_PX: f64 = 0.6;
 /// Pixels beyond which it is over, with half the width of a pixel.
 const REACH_PX: usize = 3;
 /// Samples of a pixel along each axis: around the tag, and elsewhere.
-const FINE: usize = 8;
+const FINE: usize = 6;
 const COARSE: usize = 2;
 /// Pixels around a tag that are sampled finely.
 const AROUND_PX: f64 = 12.0;
@@ -27,13 +28,14 @@ const WHITE: f64 = 0.62;
 const BLACK: f64 = 0.035;
 const SHOE: f64 = 0.09;
 const GROUND: f64 = 0.17;
-/// Half axes of the shoe, m, and its height above the ground.
+/// Half axes of the shoe, m.
 const SHOE_M: [f64; 2] = [0.13, 0.06];
-const HEIGHT_M: f64 = 0.1;
+/// Distance of the ground along the optical axis, m.
+const GROUND_M: f64 = 2.2;
 /// Side of slabs of the ground, of dark marks on it, and of the squares in these, m.
 const SLAB_M: f64 = 0.3;
-const MARK_M: f64 = 0.07;
-const MARK_CELL_M: f64 = 0.0075;
+const MARK_M: f64 = 0.12;
+const MARK_CELL_M: f64 = 0.011;
 /// Share of the places of marks that have one.
 const MARKS: f64 = 0.06;
 
@@ -72,38 +74,61 @@ impl Renderer {
         &self.camera
     }
 
-    /// The images of the left and the right eye. Of the right one only what is around the tag is
-    /// rendered: nothing looks for tags there.
-    pub(super) fn images(&self, scene: &Scene, condition: &Condition) -> Result<[Vec<u8>; 2]> {
-        let world = World::new(scene)?;
-        let [width, height] = self.camera.size;
-        let mut images = [vec![0; width * height], vec![0; width * height]];
-        for (eye, image) in images.iter_mut().enumerate() {
-            let mut render = |[from, to]: [[usize; 2]; 2], samples: usize| {
-                let size = [0, 1].map(|k: usize| to[k] - from[k]);
-                let light = self.light(&world, eye, from, size, samples);
-                for (row, light) in light.chunks(size[0]).enumerate() {
-                    for (column, &light) in light.iter().enumerate() {
-                        let at = (from[1] + row) * width + from[0] + column;
-                        image[at] = level(light, condition, scene.seed, (eye, at));
-                    }
-                }
-            };
-            if eye == 0 {
-                render([[0, 0], self.camera.size], COARSE);
-            }
-            if let Some(around) = self.around(scene, eye) {
-                render(around, FINE);
-            }
-        }
-        Ok(images)
+    /// Light of the ground in the left image.
+    pub(super) fn ground(&self, seed: u64) -> Vec<f32> {
+        let world = World {
+            ground: Ground::new(seed),
+            shoe: None,
+        };
+        self.light(&world, 0, [[0, 0], self.camera.size], COARSE)
     }
 
-    /// First and last but one pixel around the shoe's tag during the exposure.
-    fn around(&self, scene: &Scene, eye: usize) -> Option<[[usize; 2]; 2]> {
+    /// The images of the left and the right eye. Of the right one only what is around the tag is
+    /// rendered: nothing looks for tags there.
+    pub(super) fn images(
+        &self,
+        scene: &Scene,
+        condition: &Condition,
+        ground: &[f32],
+    ) -> Result<[Vec<u8>; 2]> {
+        let world = World {
+            ground: Ground::new(scene.seed),
+            shoe: Some(Shoe::new(scene)?),
+        };
+        let mut lights = [ground.to_vec(), vec![0.0; ground.len()]];
+        let half_tag = [0.5 * TAG_M * 10.0 / 8.0; 2];
+        for (eye, light) in lights.iter_mut().enumerate() {
+            for (half, samples) in [(SHOE_M, COARSE), (half_tag, FINE)] {
+                if let Some(around) = self.around(scene, eye, half) {
+                    let [from, to] = around;
+                    let part = self.light(&world, eye, around, samples);
+                    for (row, part) in (from[1]..to[1]).zip(part.chunks(to[0] - from[0])) {
+                        light[row * self.camera.size[0] + from[0]..][..part.len()]
+                            .copy_from_slice(part);
+                    }
+                }
+            }
+        }
+        let mut eye = 0;
+        Ok(lights.map(|light| {
+            eye += 1;
+            let pixels = light.iter().enumerate();
+            let level = |(at, light): (usize, &f32)| level(*light, condition, scene.seed, (eye, at));
+            pixels.map(level).collect()
+        }))
+    }
+
+    /// First and last but one pixel around a rectangle on the shoe, with these half sides, during
+    /// the exposure.
+    fn around(
+        &self,
+        scene: &Scene,
+        eye: usize,
+        [half_x, half_y]: [f64; 2],
+    ) -> Option<[[usize; 2]; 2]> {
         let (mut from, mut to) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
-        let half = 0.5 * TAG_M * 10.0 / 8.0;
-        for (x, y) in [(-half, -half), (half, -half), (half, half), (-half, half)] {
+        for (x, y) in [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)] {
+            let (x, y) = (x * half_x, y * half_y);
             for time_s in [-0.5 * EXPOSURE_S, 0.5 * EXPOSURE_S] {
                 let moved = Vector3::from(scene.motion.linear) * time_s;
                 let point = Vector3::from(scene.left_from_tag.apply([x, y, 0.0])) + moved;
@@ -120,15 +145,16 @@ impl Renderer {
         (0..2).all(|k| around[1][k] > around[0][k]).then_some(around)
     }
 
-    /// Light of a rectangle of pixels, relative to full scale.
+    /// Light of a rectangle of pixels, by its first pixel and that beyond its last one, relative to
+    /// full scale.
     fn light(
         &self,
         world: &World,
         eye: usize,
-        from: [usize; 2],
-        size: [usize; 2],
+        [from, to]: [[usize; 2]; 2],
         samples: usize,
     ) -> Vec<f32> {
+        let size = [0, 1].map(|k: usize| to[k] - from[k]);
         let kernel = Kernel::new(samples);
         let [columns, rows] = size.map(|v| (v + 2 * REACH_PX) * samples);
         let origin = Vector3::new(eye as f64 * BASELINE_M, 0.0, 0.0);
@@ -137,7 +163,7 @@ impl Renderer {
         let mut across = vec![0.0; size[0] * rows];
         for j in 0..rows {
             for (i, value) in fine.iter_mut().enumerate() {
-                let word = hash(world.seed, (i + 8192 * j + 7 * eye) as u32);
+                let word = hash(world.ground.seed, (i + 8192 * j + 7 * eye) as u32);
                 let jitter = [word & 0xff, word >> 8 & 0xff].map(|v| (f64::from(v) + 0.5) / 256.0);
                 let place = |n: usize, k: usize| {
                     from[k] as f64 - REACH_PX as f64 - 0.5 + (n as f64 + jitter[k]) * step
@@ -207,65 +233,53 @@ fn level(light: f32, condition: &Condition, seed: u64, (eye, at): (usize, usize)
 
 /// Surfaces in the frame of the left eye.
 struct World {
-    seed: u64,
+    ground: Ground,
+    shoe: Option<Shoe>,
+}
+
+impl World {
+    /// Light along a ray at a time after mid-exposure.
+    fn light(&self, origin: &Vector3<f64>, ray: &Vector3<f64>, time_s: f64) -> f64 {
+        let ground = &self.ground;
+        let shoe = self.shoe.as_ref();
+        let shoe = shoe.and_then(|shoe| shoe.light(&ground.texture, origin, ray, time_s));
+        let shade = 1.0 + ground.shade[0] * ray.x + ground.shade[1] * ray.y;
+        ground.exposure * shade * shoe.unwrap_or_else(|| ground.light(origin, ray))
+    }
+}
+
+/// An ellipse in the plane of its tag.
+struct Shoe {
     tag_from_left: Matrix3<f64>,
     middle: Vector3<f64>,
     velocity: Vector3<f64>,
     /// Bits of the tag, `None` where the shoe has none.
     code: Option<u64>,
-    /// Height of the ground, m, and its slopes; its rotation.
-    ground: [f64; 3],
-    turn: [f64; 2],
-    /// Change of the light across the image.
-    slope: [f64; 2],
-    exposure: f64,
-    texture: Vec<f32>,
 }
 
-/// Side of the table of random numbers.
-const TABLE: usize = 256;
-
-impl World {
+impl Shoe {
     fn new(scene: &Scene) -> Result<Self> {
-        /// Of surfaces, and of the table.
-        const STREAM: u64 = 2;
-        const TABLE_STREAM: u64 = 6;
-        let draw = |index: u64, from: f64, to: f64| {
-            from + (to - from) * uniform(scene.seed, STREAM, index)
-        };
-        let middle = *scene.left_from_tag.translation();
         let rotation = scene.left_from_tag.rotation().inverse();
-        let slopes = [draw(0, -0.2, 0.2), draw(1, -0.2, 0.2)];
-        let height = middle.z + HEIGHT_M - slopes[0] * middle.x - slopes[1] * middle.y;
-        let about = draw(2, 0.0, std::f64::consts::TAU);
         let code = Dictionary::AprilTag36h11.code(scene.id);
-        let table = (0..TABLE * TABLE).map(|n| uniform(scene.seed, TABLE_STREAM, n as u64) as f32);
         Ok(Self {
-            seed: scene.seed,
             tag_from_left: rotation.to_rotation_matrix().into_inner(),
-            middle,
+            middle: *scene.left_from_tag.translation(),
             velocity: Vector3::from(scene.motion.linear),
             code: match scene.has_tag {
                 true => Some(code.context("a code of the dictionary")?),
                 false => None,
             },
-            ground: [height, slopes[0], slopes[1]],
-            turn: [libm::sin(about), libm::cos(about)],
-            slope: [draw(3, -0.3, 0.3), draw(4, -0.3, 0.3)],
-            exposure: draw(5, 0.7, 1.1),
-            texture: table.collect(),
         })
     }
 
-    /// Light along a ray at a time after mid-exposure.
-    fn light(&self, origin: &Vector3<f64>, ray: &Vector3<f64>, time_s: f64) -> f64 {
-        let shade = 1.0 + self.slope[0] * ray.x + self.slope[1] * ray.y;
-        let surface = self.shoe(origin, ray, time_s);
-        self.exposure * shade * surface.unwrap_or_else(|| self.ground(origin, ray))
-    }
-
-    /// Of the shoe, if the ray meets it.
-    fn shoe(&self, origin: &Vector3<f64>, ray: &Vector3<f64>, time_s: f64) -> Option<f64> {
+    /// Its light, if the ray meets it.
+    fn light(
+        &self,
+        texture: &Texture,
+        origin: &Vector3<f64>,
+        ray: &Vector3<f64>,
+        time_s: f64,
+    ) -> Option<f64> {
         let from = self.tag_from_left * (origin - self.middle - self.velocity * time_s);
         let ray = self.tag_from_left * ray;
         let along = -from.z / ray.z;
@@ -275,16 +289,48 @@ impl World {
             && x.abs().max(y.abs()) < 5.0 * cell
         {
             let [column, row] = [x, y].map(|v| (v / cell + 5.0) as usize);
-            return Some(if is_white(code, row, column) { WHITE } else { BLACK });
+            return Some(match is_white(code, row, column) {
+                true => WHITE,
+                false => BLACK,
+            });
         }
         let inside = (x / SHOE_M[0]).powi(2) + (y / SHOE_M[1]).powi(2) < 1.0;
-        inside.then(|| SHOE * (0.6 + 0.8 * self.noise(x / 0.004, y / 0.004)))
+        inside.then(|| SHOE * (0.6 + 0.8 * texture.noise(x / 0.004, y / 0.004)))
+    }
+}
+
+/// A plane with slabs, marks and texture, and the light on everything.
+struct Ground {
+    seed: u64,
+    slopes: [f64; 2],
+    /// Sine and cosine of its rotation.
+    turn: [f64; 2],
+    /// Change of the light across the image.
+    shade: [f64; 2],
+    exposure: f64,
+    texture: Texture,
+}
+
+impl Ground {
+    fn new(seed: u64) -> Self {
+        /// Of surfaces.
+        const STREAM: u64 = 2;
+        let draw = |index, from: f64, to: f64| from + (to - from) * uniform(seed, STREAM, index);
+        let about = draw(2, 0.0, std::f64::consts::TAU);
+        Self {
+            seed,
+            slopes: [draw(0, -0.2, 0.2), draw(1, -0.2, 0.2)],
+            turn: [libm::sin(about), libm::cos(about)],
+            shade: [draw(3, -0.3, 0.3), draw(4, -0.3, 0.3)],
+            exposure: draw(5, 0.7, 1.1),
+            texture: Texture::new(seed),
+        }
     }
 
     /// Of the ground: slabs with joints, texture of three sizes, dark marks with squares in them.
-    fn ground(&self, origin: &Vector3<f64>, ray: &Vector3<f64>) -> f64 {
-        let [height, by_x, by_y] = self.ground;
-        let along = (height + by_x * origin.x + by_y * origin.y - origin.z)
+    fn light(&self, origin: &Vector3<f64>, ray: &Vector3<f64>) -> f64 {
+        let [by_x, by_y] = self.slopes;
+        let along = (GROUND_M + by_x * origin.x + by_y * origin.y - origin.z)
             / (ray.z - by_x * ray.x - by_y * ray.y);
         let [x, y] = [origin.x + along * ray.x, origin.y + along * ray.y];
         let [sin, cos] = self.turn;
@@ -294,23 +340,37 @@ impl World {
             return 0.05;
         }
         let [i, j] = [x, y].map(|v| (v / MARK_M).floor());
-        let here = self.at(i as usize, j as usize);
+        let here = self.texture.at(i as usize, j as usize);
         let [u, v] = [within(x, MARK_M), within(y, MARK_M)].map(|v| v / MARK_CELL_M);
         if f64::from(here) < MARKS && u.max(v) < 8.0 {
             let is_inside = u.min(v) >= 1.0 && u.max(v) < 7.0;
-            let bit = self.at(i as usize * 8 + u as usize, j as usize * 8 + v as usize);
+            let bit = self.texture.at(i as usize * 8 + u as usize, j as usize * 8 + v as usize);
             return if is_inside && bit > 0.5 { 0.5 } else { 0.04 };
         }
         let octaves = [(0.04, 0.8), (0.013, 0.7), (0.004, 0.5)];
-        let sum = octaves.map(|(side, share)| share * (self.noise(x / side, y / side) - 0.5));
+        let sum = octaves.map(|(side, share)| share * (self.texture.noise(x / side, y / side) - 0.5));
         (GROUND * (1.0 + sum.iter().sum::<f64>())).max(0.0)
+    }
+}
+
+/// A table of random numbers from 0 to 1.
+struct Texture(Vec<f32>);
+
+/// Side of the table.
+const TABLE: usize = 256;
+
+impl Texture {
+    fn new(seed: u64) -> Self {
+        const STREAM: u64 = 6;
+        let table = (0..TABLE * TABLE).map(|n| uniform(seed, STREAM, n as u64) as f32);
+        Self(table.collect())
     }
 
     fn at(&self, i: usize, j: usize) -> f32 {
-        self.texture[(j % TABLE) * TABLE + i % TABLE]
+        self.0[(j % TABLE) * TABLE + i % TABLE]
     }
 
-    /// Random numbers from 0 to 1 at integers, bilinear between.
+    /// Bilinear between integers.
     fn noise(&self, x: f64, y: f64) -> f64 {
         let (x, y) = (x + 4096.0, y + 4096.0);
         let (i, j) = (x as usize, y as usize);

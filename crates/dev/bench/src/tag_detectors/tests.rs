@@ -20,7 +20,8 @@ fn rendered_tag_is_where_the_truth_is() {
             ..condition()
         };
         let scene = Scene::new(camera, &condition, seed, true).unwrap();
-        let images = renderer.images(&scene, &condition).unwrap();
+        let ground = renderer.ground(seed);
+        let images = renderer.images(&scene, &condition, &ground).unwrap();
         let scenes = [scene];
         let answers = methods::answers(camera, &scenes, &[images]).unwrap();
         for (answers, limit) in answers.iter().zip([0.4, 0.1, 0.1, 0.1]) {
@@ -36,7 +37,8 @@ fn same_seed_gives_the_same_image() {
     let renderer = Renderer::new(Camera::new(Resolution::Vga)).unwrap();
     let image = |seed, has_tag| {
         let scene = Scene::new(renderer.camera(), &USUAL, seed, has_tag).unwrap();
-        renderer.images(&scene, &USUAL).unwrap()
+        let ground = renderer.ground(seed);
+        renderer.images(&scene, &USUAL, &ground).unwrap()
     };
     assert_eq!(image(1, true), image(1, true));
     assert_ne!(image(1, true), image(2, true));
