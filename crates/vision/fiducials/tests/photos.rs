@@ -11,7 +11,7 @@ use imaging::ImageView;
 
 /// Photos of the NASA Swarmathon, and how many tags of the file the search finds at least.
 const PHOTOS: [(&str, usize, usize); 2] = [
-    ("33369213973_9d9bb4cc96_c", 12, 9),
+    ("33369213973_9d9bb4cc96_c", 12, 12),
     ("34139872896_defdb2f8d9_c", 10, 9),
 ];
 /// Maximum distance of corners that are the same, px.

@@ -21,11 +21,11 @@ struct Photo {
 }
 
 /// In the folder `05_apriltag` of the recordings. The last three show tags of another family.
-const PHOTOS: [Photo; 8] = [
+/// AprilGrids are left out: squares touch the corners of their tags, so they need a detector of
+/// boards, which is tested on them.
+const PHOTOS: [Photo; 6] = [
     photo("apriltag_nasa/33369213973_9d9bb4cc96_c.jpg", 0..1),
     photo("apriltag_nasa/34139872896_defdb2f8d9_c.jpg", 0..1),
-    photo("aprilgrid_real/tests/data/EuRoC.png", 0..36),
-    photo("aprilgrid_real/tests/data/iphone.png", 0..66),
     photo("wpilib_pose/tag1_640_480.jpg", 1..2),
     photo("wpilib_pose/tag2_16h5_straight.png", 0..0),
     photo("wpilib_pose/tag2_45deg_X.png", 0..0),
