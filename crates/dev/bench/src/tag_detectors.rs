@@ -139,7 +139,10 @@ impl Studio {
     fn new(resolution: Resolution, (first_seed, count): (u64, u64)) -> Result<Self> {
         let renderer = Renderer::new(Camera::new(resolution))?;
         let seeds: Vec<u64> = (first_seed..first_seed + count).collect();
-        let grounds = seeds.par_iter().map(|&seed| renderer.ground(seed)).collect();
+        let grounds = seeds
+            .par_iter()
+            .map(|&seed| renderer.ground(seed))
+            .collect();
         Ok(Self {
             renderer,
             first_seed,

@@ -24,7 +24,9 @@ pub(super) fn draw(measured: &Measured, stamp: &str) -> Vec<(String, String)> {
         .subtitle(CONDITIONS)
         .y_axis(Axis::linear("found", "%").include(0.0).include(100.0));
     let corners = Chart::new("Errors of corners")
-        .subtitle(&format!("RMS over the tags that a method finds; {CONDITIONS}"))
+        .subtitle(&format!(
+            "RMS over the tags that a method finds; {CONDITIONS}"
+        ))
         .y_axis(Axis::log("error", "px"));
     let charts = [
         (

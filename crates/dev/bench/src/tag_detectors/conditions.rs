@@ -88,10 +88,18 @@ pub(super) fn sweeps(quick: bool) -> Vec<Sweep> {
         Sweep::new("motion", motions, |own, value| own.motion_cells = value),
         Sweep::new("noise", noises, |own, value| own.noise_levels = value),
         Sweep::new("tone_curve", &[0.45, 1.0], |own, value| {
-            own.curve = if value < 1.0 { Curve::Srgb } else { Curve::Linear };
+            own.curve = if value < 1.0 {
+                Curve::Srgb
+            } else {
+                Curve::Linear
+            };
         }),
         Sweep::new("image_width", &[672.0, 1280.0], |own, value| {
-            own.camera = if value < 1000.0 { Resolution::Vga } else { Resolution::Hd };
+            own.camera = if value < 1000.0 {
+                Resolution::Vga
+            } else {
+                Resolution::Hd
+            };
         }),
     ]
 }

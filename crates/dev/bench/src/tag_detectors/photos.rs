@@ -107,7 +107,11 @@ fn row(
     (method, answer): (&str, &Answer),
     reference: &Option<Vec<Corners>>,
 ) -> Row {
-    let tags = answer.tags.iter().filter(|tag| photo.ids.contains(&tag.id)).count();
+    let tags = answer
+        .tags
+        .iter()
+        .filter(|tag| photo.ids.contains(&tag.id))
+        .count();
     let mut row = Row {
         photo: photo.path.to_owned(),
         size,
@@ -147,15 +151,20 @@ fn reference(path: &Path) -> Result<Option<Vec<Corners>>> {
         return Ok(None);
     }
     let text = fs::read_to_string(path).with_context(|| format!("reading {}", path.display()))?;
-    let corners = text.lines().filter(|line| !line.trim().is_empty()).map(|line| {
-        let rest = line.split_once(',').map_or("", |(_, rest)| rest);
-        let numbers = rest.split(|c: char| "(), ".contains(c)).filter(|t| !t.is_empty());
-        let numbers: Vec<f64> = numbers.map(str::parse).collect::<Result<_, _>>()?;
-        ensure!(numbers.len() == 8, "four corners in {line:?}");
-        Ok(std::array::from_fn(|k| {
-            [numbers[2 * k] - 0.5, numbers[2 * k + 1] - 0.5]
-        }))
-    });
+    let corners = text
+        .lines()
+        .filter(|line| !line.trim().is_empty())
+        .map(|line| {
+            let rest = line.split_once(',').map_or("", |(_, rest)| rest);
+            let numbers = rest
+                .split(|c: char| "(), ".contains(c))
+                .filter(|t| !t.is_empty());
+            let numbers: Vec<f64> = numbers.map(str::parse).collect::<Result<_, _>>()?;
+            ensure!(numbers.len() == 8, "four corners in {line:?}");
+            Ok(std::array::from_fn(|k| {
+                [numbers[2 * k] - 0.5, numbers[2 * k + 1] - 0.5]
+            }))
+        });
     Ok(Some(corners.collect::<Result<_>>()?))
 }
 
@@ -168,7 +177,9 @@ fn read(path: &Path) -> Result<(Vec<u8>, [usize; 2])> {
         decoder.set_transformations(png::Transformations::normalize_to_color8());
         let mut reader = decoder.read_info().context("reading a PNG file")?;
         let mut data = vec![0; reader.output_buffer_size().context("its size")?];
-        let info = reader.next_frame(&mut data).context("decoding a PNG file")?;
+        let info = reader
+            .next_frame(&mut data)
+            .context("decoding a PNG file")?;
         data.truncate(info.buffer_size());
         ([info.width as usize, info.height as usize], data)
     } else {

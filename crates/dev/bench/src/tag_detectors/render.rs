@@ -113,7 +113,8 @@ impl Renderer {
         Ok(lights.map(|light| {
             eye += 1;
             let pixels = light.iter().enumerate();
-            let level = |(at, light): (usize, &f32)| level(*light, condition, scene.seed, (eye, at));
+            let level =
+                |(at, light): (usize, &f32)| level(*light, condition, scene.seed, (eye, at));
             pixels.map(level).collect()
         }))
     }
@@ -141,8 +142,13 @@ impl Renderer {
             }
         }
         let bounds = |v: f64, k: usize| (v.max(0.0) as usize).min(self.camera.size[k]);
-        let around = [[0, 1].map(|k| bounds(from[k], k)), [0, 1].map(|k| bounds(to[k], k))];
-        (0..2).all(|k| around[1][k] > around[0][k]).then_some(around)
+        let around = [
+            [0, 1].map(|k| bounds(from[k], k)),
+            [0, 1].map(|k| bounds(to[k], k)),
+        ];
+        (0..2)
+            .all(|k| around[1][k] > around[0][k])
+            .then_some(around)
     }
 
     /// Light of a rectangle of pixels, by its first pixel and that beyond its last one, relative to
@@ -187,7 +193,12 @@ impl Renderer {
         let (i, j) = (x as usize, y as usize);
         let (s, t) = (x - i as f64, y - j as f64);
         let node = |i: usize, j: usize| self.rays[j * self.columns + i];
-        let [a, b, c, d] = [node(i, j), node(i + 1, j), node(i, j + 1), node(i + 1, j + 1)];
+        let [a, b, c, d] = [
+            node(i, j),
+            node(i + 1, j),
+            node(i, j + 1),
+            node(i + 1, j + 1),
+        ];
         let mix = |k: usize| {
             (a[k] * (1.0 - s) + b[k] * s) * (1.0 - t) + (c[k] * (1.0 - s) + d[k] * s) * t
         };
@@ -344,11 +355,14 @@ impl Ground {
         let [u, v] = [within(x, MARK_M), within(y, MARK_M)].map(|v| v / MARK_CELL_M);
         if f64::from(here) < MARKS && u.max(v) < 8.0 {
             let is_inside = u.min(v) >= 1.0 && u.max(v) < 7.0;
-            let bit = self.texture.at(i as usize * 8 + u as usize, j as usize * 8 + v as usize);
+            let bit = self
+                .texture
+                .at(i as usize * 8 + u as usize, j as usize * 8 + v as usize);
             return if is_inside && bit > 0.5 { 0.5 } else { 0.04 };
         }
         let octaves = [(0.04, 0.8), (0.013, 0.7), (0.004, 0.5)];
-        let sum = octaves.map(|(side, share)| share * (self.texture.noise(x / side, y / side) - 0.5));
+        let sum =
+            octaves.map(|(side, share)| share * (self.texture.noise(x / side, y / side) - 0.5));
         (GROUND * (1.0 + sum.iter().sum::<f64>())).max(0.0)
     }
 }

@@ -114,10 +114,13 @@ impl Scene {
             draw.uniform(0.3 * width, 0.8 * width),
             draw.uniform(0.25 * height, 0.75 * height),
         ];
-        let ray = camera.lens.unproject(pixel).context("a pixel of the lens")?;
+        let ray = camera
+            .lens
+            .unproject(pixel)
+            .context("a pixel of the lens")?;
         let middle = Vector3::from(ray) * (distance / ray[2]);
-        let sight = UnitQuaternion::rotation_between(&Vector3::z(), &middle)
-            .context("a line of sight")?;
+        let sight =
+            UnitQuaternion::rotation_between(&Vector3::z(), &middle).context("a line of sight")?;
         let about = draw.uniform(-PI, PI);
         let (sin, cos) = (libm::sin(about), libm::cos(about));
         let tilt = condition.tilt_deg.to_radians();
