@@ -36,9 +36,9 @@ mod scores;
 const FIRST_SEED: u64 = 70_001;
 /// That of images without a tag.
 const FIRST_WITHOUT: u64 = 90_001;
-/// Images per condition, and without a tag; of quick runs.
-const IMAGES: [u64; 2] = [60, 120];
-const QUICK_IMAGES: [u64; 2] = [12, 12];
+/// Images per condition, per condition at the higher resolution, and without a tag; of quick runs.
+const IMAGES: [u64; 3] = [60, 20, 60];
+const QUICK_IMAGES: [u64; 3] = [12, 6, 12];
 
 /// Scores under a condition.
 #[derive(Debug, Serialize)]
@@ -75,9 +75,9 @@ pub(crate) fn run(args: &[String]) -> Result<()> {
     if !peers::has_kornia() {
         eprintln!("kornia-apriltag is left out: no program is named");
     }
-    let [count, without] = if quick { QUICK_IMAGES } else { IMAGES };
+    let [count, large, without] = if quick { QUICK_IMAGES } else { IMAGES };
     let vga = Studio::new(Resolution::Vga, (FIRST_SEED, count))?;
-    let hd = Studio::new(Resolution::Hd, (FIRST_SEED, count))?;
+    let hd = Studio::new(Resolution::Hd, (FIRST_SEED, large))?;
     let studio = |condition: &Condition| match condition.camera {
         Resolution::Vga => &vga,
         Resolution::Hd => &hd,

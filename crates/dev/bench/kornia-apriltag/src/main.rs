@@ -41,7 +41,8 @@ fn main() -> Result<(), Box<dyn Error>> {
             let found = decoder.decode(image)?;
             decoder.clear();
             let ms = 1e3 * (cpu_s() - begin);
-            // Its corners: top right, bottom right, bottom left, top left, pixel centers at halves.
+            // Its corners: top right, bottom right, bottom left, top left of the image, whichever of the
+            // tag these are; pixel centers at halves.
             let tags = found.iter().map(|tag| {
                 let corners = [2, 1, 0, 3].map(|k: usize| {
                     let corner = &tag.quad.corners[k];
@@ -57,7 +58,10 @@ fn main() -> Result<(), Box<dyn Error>> {
             "images": answers,
         }));
     }
-    println!("{}", json!({ "version": "kornia-apriltag 0.2.0", "methods": methods }));
+    println!(
+        "{}",
+        json!({ "version": "kornia-apriltag 0.2.0", "methods": methods })
+    );
     Ok(())
 }
 

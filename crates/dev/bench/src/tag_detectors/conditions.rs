@@ -68,19 +68,19 @@ impl Sweep {
 pub(super) fn sweeps(quick: bool) -> Vec<Sweep> {
     let sizes: &[f64] = match quick {
         true => &[12.0, 20.0, 60.0],
-        false => &[12.0, 14.0, 16.0, 20.0, 25.0, 40.0, 60.0],
+        false => &[12.0, 14.0, 16.0, 20.0, 25.0, 60.0],
     };
     let tilts: &[f64] = match quick {
         true => &[17.0, 60.0],
-        false => &[0.0, 17.0, 40.0, 50.0, 60.0],
+        false => &[17.0, 40.0, 50.0, 60.0],
     };
     let motions: &[f64] = match quick {
         true => &[0.0, 2.0],
-        false => &[0.0, 0.5, 1.0, 1.5, 2.0, 4.0],
+        false => &[0.0, 0.5, 1.0, 2.0, 4.0],
     };
     let noises: &[f64] = match quick {
         true => &[3.0, 12.0],
-        false => &[1.0, 3.0, 8.0, 12.0],
+        false => &[1.0, 3.0, 12.0],
     };
     vec![
         Sweep::new("size", sizes, |own, value| own.size_px = value),

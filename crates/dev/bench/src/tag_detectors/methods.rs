@@ -3,6 +3,7 @@
 use anyhow::{Context, Result};
 use boards::Dictionary;
 use cad_transforms::RigidTransform;
+use fiducials::square::distance;
 use fiducials::{Config, Fit, Motion, SearchConfig, Searcher, View, fit, poses_from_corners};
 use imaging::ImageView;
 use serde::Deserialize;
@@ -20,6 +21,24 @@ pub(super) struct Found {
     /// Takes points of the tag to the left eye, if the method gives a pose.
     #[serde(skip)]
     pub(super) left_from_tag: Option<RigidTransform>,
+}
+
+impl Found {
+    /// Its corners, beginning with the one that makes them agree best with others:
+    /// kornia-apriltag begins with the one at the top right of the image, whichever of the tag
+    /// that is.
+    pub(super) fn corners_in_order_of(&self, others: &[[f64; 2]; 4]) -> [[f64; 2]; 4] {
+        let orders = [0, 1, 2, 3].map(|first| {
+            let corners: [[f64; 2]; 4] = std::array::from_fn(|k| self.corners[(first + k) % 4]);
+            let sum: f64 = (0..4).map(|k| distance(corners[k], others[k])).sum();
+            (corners, sum)
+        });
+        let [first, rest @ ..] = orders;
+        let best = rest
+            .iter()
+            .fold(first, |a, b| if b.1 < a.1 { *b } else { a });
+        best.0
+    }
 }
 
 /// What a method reports of an image, and its processor time on one thread.

@@ -129,9 +129,10 @@ fn row(
             all.fold(0.0, f64::max)
         };
         let pairs = reference.iter().filter_map(|truth| {
-            let mut own = answer.tags.iter().filter(|tag| photo.ids.contains(&tag.id));
-            let same = own.find(|tag| farthest(&tag.corners, truth) < SAME_PX)?;
-            Some((same.corners, *truth))
+            let own = answer.tags.iter().filter(|tag| photo.ids.contains(&tag.id));
+            let mut corners = own.map(|tag| tag.corners_in_order_of(truth));
+            let same = corners.find(|corners| farthest(corners, truth) < SAME_PX)?;
+            Some((same, *truth))
         });
         let pairs: Vec<(Corners, Corners)> = pairs.collect();
         let distances = pairs.iter().flat_map(|(own, truth)| {

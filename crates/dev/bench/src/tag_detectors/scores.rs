@@ -48,7 +48,8 @@ pub(super) fn score(camera: &Camera, scenes: &[Scene], answers: &Answers) -> Res
         let truth = scene.corners(camera)?;
         let cell_px = distance(truth[0], truth[2]) / (8.0 * std::f64::consts::SQRT_2);
         let is_right = |seen: &&Found| {
-            let own = [0, 1, 2, 3].map(|k: usize| distance(seen.corners[k], truth[k]));
+            let corners = seen.corners_in_order_of(&truth);
+            let own = [0, 1, 2, 3].map(|k: usize| distance(corners[k], truth[k]));
             scene.has_tag && seen.id == scene.id && rms(&own) < cell_px
         };
         let right = answer.tags.iter().find(is_right);
@@ -56,7 +57,8 @@ pub(super) fn score(camera: &Camera, scenes: &[Scene], answers: &Answers) -> Res
         wrong += answer.tags.len() - usize::from(right.is_some());
         let Some(right) = right else { continue };
         let middle = [0, 1].map(|k: usize| truth.iter().map(|c| c[k]).sum::<f64>() / 4.0);
-        for (own, truth) in right.corners.iter().zip(&truth) {
+        let found_corners = right.corners_in_order_of(&truth);
+        for (own, truth) in found_corners.iter().zip(&truth) {
             corners.push(distance(*own, *truth));
             let [x, y] = [0, 1].map(|k: usize| truth[k] - middle[k]);
             let along = x * (own[0] - truth[0]) + y * (own[1] - truth[1]);
@@ -64,7 +66,7 @@ pub(super) fn score(camera: &Camera, scenes: &[Scene], answers: &Answers) -> Res
         }
         let pose = match right.left_from_tag {
             Some(pose) => Some(pose),
-            None => poses_from_corners(&camera.lens, &tag(scene.id)?, &right.corners)
+            None => poses_from_corners(&camera.lens, &tag(scene.id)?, &found_corners)
                 .map(|[better, _]| better),
         };
         if let Some(pose) = pose {
