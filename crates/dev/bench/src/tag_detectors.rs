@@ -83,27 +83,32 @@ pub(crate) fn run(args: &[String]) -> Result<()> {
         Resolution::Hd => &hd,
     };
     let mut measured = Measured::default();
+    let mut conditions: Vec<Condition> = Vec::new();
     for sweep in sweeps(quick) {
         for (value, condition) in sweep.points {
-            let known = measured.points.iter();
-            let mut known = known.map(|point| point.condition);
-            let point = match known.position(|own| own == condition) {
-                Some(point) => point,
-                None => {
-                    println!("{} {value}", sweep.variable);
-                    let scores = studio(&condition).scores(&condition, true)?;
-                    measured.versions = scores.versions;
-                    let scores = scores.scores;
-                    measured.points.push(Point { condition, scores });
-                    measured.points.len() - 1
-                }
-            };
+            let known = conditions.iter().position(|own| *own == condition);
+            let point = known.unwrap_or(conditions.len());
+            if known.is_none() {
+                conditions.push(condition);
+            }
             measured.steps.push(Step {
                 variable: sweep.variable,
                 value,
                 point,
             });
         }
+    }
+    // Times are of the processor, so that conditions may be measured at the same time.
+    let scores = conditions
+        .par_iter()
+        .map(|condition| studio(condition).scores(condition, true));
+    let scores: Vec<Scores> = scores.collect::<Result<_>>()?;
+    for (condition, own) in conditions.into_iter().zip(scores) {
+        measured.versions = own.versions;
+        measured.points.push(Point {
+            condition,
+            scores: own.scores,
+        });
     }
     println!("images without a tag");
     let studio = Studio::new(Resolution::Vga, (FIRST_WITHOUT, without))?;
@@ -168,7 +173,8 @@ impl Studio {
         answers.extend(peers.answers);
         let scores = answers.iter().map(|own| score(camera, &scenes, own));
         let scores: Vec<Score> = scores.collect::<Result<_>>()?;
-        scores.iter().for_each(print);
+        let lines: Vec<String> = scores.iter().map(line).collect();
+        println!("{condition:?}\n{}", lines.join("\n"));
         Ok(Scores {
             versions: peers.versions,
             scores,
@@ -176,8 +182,8 @@ impl Studio {
     }
 }
 
-fn print(score: &Score) {
-    println!(
+fn line(score: &Score) -> String {
+    format!(
         "  {:<28} found {:5.1} %, wrong {:2}, corners {:5.2} px (p95 {:5.2}, outward {:+5.2}), range {:5.2} %, \
          tilt {:5.2}° (p95 {:5.2}), {:6.2} ms",
         score.method,
@@ -190,7 +196,7 @@ fn print(score: &Score) {
         score.tilt_median_deg,
         score.tilt_p95_deg,
         score.ms,
-    );
+    )
 }
 
 #[cfg(test)]
