@@ -31,6 +31,7 @@ mod sim_images;
 mod soak;
 mod stamp;
 mod sync;
+mod tag_detectors;
 mod terrain;
 mod trajectory_errors;
 mod vm_cost;
@@ -95,6 +96,7 @@ const BENCHMARKS: &[(&str, Run)] = &[
     ("sim_images", sim_images::run),
     ("soak", soak::run),
     ("sync", sync::run),
+    ("tag_detectors", tag_detectors::run),
     ("terrain", terrain::run),
     ("vm_cost", vm_cost::run),
 ];

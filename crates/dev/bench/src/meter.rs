@@ -37,6 +37,12 @@ pub(crate) fn cpu_s() -> f64 {
     time.tv_sec as f64 + time.tv_nsec as f64 * 1e-9
 }
 
+/// Processor time of this thread so far, s.
+pub(crate) fn thread_cpu_s() -> f64 {
+    let time = clock_gettime(ClockId::ThreadCPUTime);
+    time.tv_sec as f64 + time.tv_nsec as f64 * 1e-9
+}
+
 /// Processor time of all ended processes that this one started, s, to 10 ms.
 pub(crate) fn children_cpu_s() -> Result<f64> {
     /// Of the numbers in `/proc/PID/stat`, on every Linux that this runs on (USER_HZ).

@@ -1,21 +1,23 @@
 //! `cargo xtask bench NAME`: runs a benchmark in release mode.
 
 use std::ffi::OsString;
+use std::path::PathBuf;
 
 use anyhow::Result;
 
-use crate::process::{self, cargo};
+use crate::process::{self, cargo, root, target_folder};
 use crate::setup::{self, Purpose};
 use crate::test::python::{self, Environment};
 
-/// Benchmarks beside OpenCV.
-const WITH_OPENCV: [&str; 6] = [
+/// Benchmarks beside OpenCV, or the reference implementation of AprilTag.
+const WITH_READERS: [&str; 7] = [
     "calib",
     "depth",
     "foreign",
     "odometry",
     "rectify",
     "sim_images",
+    "tag_detectors",
 ];
 
 /// OpenUSD's validators on an export of the ground.
@@ -32,7 +34,7 @@ const USD_TEST: [&str; 6] = [
 pub(crate) fn run(install: bool, names: &[&str], arguments: &[OsString]) -> Result<()> {
     let mut purposes = vec![Purpose::Build, Purpose::Video];
     let mut environments: Vec<&Environment> = Vec::new();
-    if names.iter().any(|name| WITH_OPENCV.contains(name)) {
+    if names.iter().any(|name| WITH_READERS.contains(name)) {
         environments.push(&python::READERS);
     }
     if names.contains(&"gtsam") {
@@ -64,6 +66,10 @@ pub(crate) fn run(install: bool, names: &[&str], arguments: &[OsString]) -> Resu
             Err(reason) => eprintln!("no Open3D, its part is left out: {reason:#}"),
         }
     }
+    let kornia = match names.contains(&"tag_detectors") {
+        true => kornia_apriltag(),
+        false => None,
+    };
     for name in names {
         let mut command = cargo()?;
         match *name {
@@ -80,8 +86,33 @@ pub(crate) fn run(install: bool, names: &[&str], arguments: &[OsString]) -> Resu
         for (variable, python) in &interpreters {
             command.env(variable, python);
         }
+        if let Some(program) = &kornia {
+            command.env("PAWS_KORNIA_APRILTAG", program);
+        }
         println!("\n== bench {name}");
         process::run(&mut command)?;
     }
     Ok(())
+}
+
+/// Builds the program of kornia-apriltag, a workspace of its own. Without it the other detectors
+/// are still compared.
+fn kornia_apriltag() -> Option<PathBuf> {
+    let build = || -> Result<PathBuf> {
+        let package = root()?.join("crates/dev/bench/kornia-apriltag/Cargo.toml");
+        let target = target_folder()?.join("kornia-apriltag");
+        let mut command = cargo()?;
+        command
+            .args(["build", "--release", "--locked", "--manifest-path"])
+            .arg(package)
+            .arg("--target-dir")
+            .arg(&target);
+        process::run(&mut command)?;
+        Ok(target.join("release/bench-kornia-apriltag"))
+    };
+    let built = build();
+    if let Err(reason) = &built {
+        eprintln!("no kornia-apriltag, it is left out: {reason:#}");
+    }
+    built.ok()
 }

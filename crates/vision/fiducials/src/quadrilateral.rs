@@ -35,8 +35,9 @@ struct Line {
 pub(crate) fn around(region: &Region, config: &QuadrilateralConfig) -> Option<[Point; 4]> {
     let boundary = boundary(region);
     let mut corners = extremes(&boundary)?;
+    let mut owners = Vec::with_capacity(boundary.len());
     for _ in 0..config.rounds {
-        let sides = sides(&boundary, &corners, config)?;
+        let sides = sides(&boundary, &corners, config, &mut owners)?;
         corners = [3, 0, 1, 2].map(|k: usize| intersection(&sides[k], &sides[(k + 1) % 4]));
         if corners.iter().flatten().any(|v| !v.is_finite()) {
             return None;
@@ -45,83 +46,160 @@ pub(crate) fn around(region: &Region, config: &QuadrilateralConfig) -> Option<[P
     let lengths = [0, 1, 2, 3].map(|k: usize| distance(corners[k], corners[(k + 1) % 4]));
     let shortest = lengths.iter().copied().fold(f64::INFINITY, f64::min);
     let longest = lengths.iter().copied().fold(0.0, f64::max);
-    let is_square = shortest > config.min_side_px && longest < config.max_side_ratio * shortest;
+    if shortest <= config.min_side_px || longest >= config.max_side_ratio * shortest {
+        return None;
+    }
+    let sides = lines(&corners);
     let near = boundary.iter().filter(|p| {
-        let to_side = |k: usize| {
-            Line::through(corners[k], corners[(k + 1) % 4])
-                .distance(p)
-                .abs()
-        };
-        (0..4).map(to_side).fold(f64::INFINITY, f64::min) < config.max_distance_px
+        let to_side = sides.map(|side| side.distance(p).abs());
+        to_side.iter().copied().fold(f64::INFINITY, f64::min) < config.max_distance_px
     });
     let is_filled = near.count() as f64 > config.min_share * boundary.len() as f64;
-    (is_square && is_filled).then_some(corners)
+    is_filled.then_some(corners)
 }
 
 /// Points between the outermost dark pixels and their bright neighbors.
 fn boundary(region: &Region) -> Vec<Point> {
-    let rows = region
-        .rows
-        .iter()
-        .zip(region.top..)
-        .flat_map(|([from, to], row)| {
-            let row = row as f64;
-            [[*from as f64 - 0.5, row], [*to as f64 + 0.5, row]]
-        });
-    let columns = region
-        .columns
-        .iter()
-        .zip(region.left..)
-        .flat_map(|([from, to], column)| {
-            let column = column as f64;
-            [[column, *from as f64 - 0.5], [column, *to as f64 + 0.5]]
-        });
-    rows.chain(columns).collect()
+    let mut points = Vec::with_capacity(2 * (region.rows.len() + region.columns.len()));
+    for ([from, to], row) in region.rows.iter().zip(region.top..) {
+        let row = row as f64;
+        points.extend([[*from as f64 - 0.5, row], [*to as f64 + 0.5, row]]);
+    }
+    for ([from, to], column) in region.columns.iter().zip(region.left..) {
+        let column = column as f64;
+        points.extend([[column, *from as f64 - 0.5], [column, *to as f64 + 0.5]]);
+    }
+    points
 }
 
 /// The ends of the longest diagonal and the points farthest from it on both sides, clockwise.
 fn extremes(boundary: &[Point]) -> Option<[Point; 4]> {
+    let first = *boundary.first()?;
     let farthest = |from: Point| {
-        let by_distance =
-            |a: &&Point, b: &&Point| distance(**a, from).total_cmp(&distance(**b, from));
-        boundary.iter().max_by(by_distance).copied()
+        let mut farthest = (first, 0.0);
+        for &point in boundary {
+            let square = square_distance(point, from);
+            if square >= farthest.1 {
+                farthest = (point, square);
+            }
+        }
+        farthest.0
     };
-    let a = farthest(*boundary.first()?)?;
-    let c = farthest(a)?;
+    let a = farthest(first);
+    let c = farthest(a);
     let diagonal = Line::through(a, c);
-    let by_side = |p: &&Point, q: &&Point| diagonal.distance(p).total_cmp(&diagonal.distance(q));
-    let b = *boundary.iter().max_by(by_side)?;
-    let d = *boundary.iter().min_by(by_side)?;
+    let (mut b, mut d) = ((first, f64::NEG_INFINITY), (first, f64::INFINITY));
+    for &point in boundary {
+        let side = diagonal.distance(&point);
+        if side >= b.1 {
+            b = (point, side);
+        }
+        if side < d.1 {
+            d = (point, side);
+        }
+    }
     // The normal of a line is on its left where rows grow downwards.
-    Some([a, b, c, d])
+    Some([a, b.0, c, d.0])
 }
 
-/// Lines through the boundary points next to each side.
+/// Lines through neighboring corners.
+fn lines(corners: &[Point; 4]) -> [Line; 4] {
+    [0, 1, 2, 3].map(|k: usize| Line::through(corners[k], corners[(k + 1) % 4]))
+}
+
+/// Of boundary points that are next to no side.
+const NO_SIDE: u8 = 4;
+
+/// Lines through the boundary points next to each side; `owners` is overwritten with these sides.
 fn sides(
     boundary: &[Point],
     corners: &[Point; 4],
     config: &QuadrilateralConfig,
+    owners: &mut Vec<u8>,
 ) -> Option<[Line; 4]> {
-    let rough = [0, 1, 2, 3].map(|k: usize| Line::through(corners[k], corners[(k + 1) % 4]));
-    let mut own: [Vec<Point>; 4] = Default::default();
+    let rough = lines(corners);
+    let near_corner = config.max_distance_px * config.max_distance_px;
+    let mut sums = [PointSum::default(); 4];
+    owners.clear();
     for point in boundary {
         let to_side = rough.map(|line| line.distance(point).abs());
-        let nearest = (0..4).min_by(|&a, &b| to_side[a].total_cmp(&to_side[b]))?;
+        let mut nearest = 0;
+        for k in 1..4 {
+            if to_side[k] < to_side[nearest] {
+                nearest = k;
+            }
+        }
         // Corners are rounded by blur.
-        let is_inside = [corners[nearest], corners[(nearest + 1) % 4]]
-            .iter()
-            .all(|corner| distance(*corner, *point) > config.max_distance_px);
-        if is_inside && to_side[nearest] < 2.0 * config.max_distance_px {
-            own[nearest].push(*point);
+        let is_inside = to_side[nearest] < 2.0 * config.max_distance_px
+            && square_distance(corners[nearest], *point) > near_corner
+            && square_distance(corners[(nearest + 1) % 4], *point) > near_corner;
+        if is_inside {
+            owners.push(nearest as u8);
+            sums[nearest].add(point);
+        } else {
+            owners.push(NO_SIDE);
         }
     }
-    let [a, b, c, d] = own;
-    Some([
-        Line::fitted(&a, &rough[0])?,
-        Line::fitted(&b, &rough[1])?,
-        Line::fitted(&c, &rough[2])?,
-        Line::fitted(&d, &rough[3])?,
-    ])
+    let means = sums.map(|sum| sum.mean());
+    let mut moments = [Moments::default(); 4];
+    for (point, owner) in boundary.iter().zip(owners) {
+        let k = usize::from(*owner);
+        if k < 4 {
+            moments[k].add(&means[k], point);
+        }
+    }
+    if sums.iter().any(|sum| sum.count < 3) {
+        return None;
+    }
+    Some([0, 1, 2, 3].map(|k: usize| moments[k].line(&means[k], &rough[k])))
+}
+
+/// A number of points and their sum.
+#[derive(Clone, Copy, Debug, Default)]
+struct PointSum {
+    count: usize,
+    sum: Point,
+}
+
+impl PointSum {
+    fn add(&mut self, point: &Point) {
+        self.count += 1;
+        self.sum = [self.sum[0] + point[0], self.sum[1] + point[1]];
+    }
+
+    fn mean(&self) -> Point {
+        self.sum.map(|v| v / self.count as f64)
+    }
+}
+
+/// Second moments of points about their mean.
+#[derive(Clone, Copy, Debug, Default)]
+struct Moments {
+    xx: f64,
+    xy: f64,
+    yy: f64,
+}
+
+impl Moments {
+    fn add(&mut self, mean: &Point, point: &Point) {
+        let [x, y] = [point[0] - mean[0], point[1] - mean[1]];
+        self.xx += x * x;
+        self.xy += x * y;
+        self.yy += y * y;
+    }
+
+    /// Total least squares; the direction is that of a rough line.
+    fn line(&self, mean: &Point, rough: &Line) -> Line {
+        let angle = 0.5 * libm::atan2(2.0 * self.xy, self.xx - self.yy);
+        let mut normal = [-libm::sin(angle), libm::cos(angle)];
+        if normal[0] * rough.normal[0] + normal[1] * rough.normal[1] < 0.0 {
+            normal = normal.map(|v| -v);
+        }
+        Line {
+            normal,
+            offset: normal[0] * mean[0] + normal[1] * mean[1],
+        }
+    }
 }
 
 impl Line {
@@ -137,31 +215,11 @@ impl Line {
     fn distance(&self, p: &Point) -> f64 {
         self.normal[0] * p[0] + self.normal[1] * p[1] - self.offset
     }
+}
 
-    /// Total least squares; the direction is that of a rough line.
-    fn fitted(points: &[Point], rough: &Self) -> Option<Self> {
-        if points.len() < 3 {
-            return None;
-        }
-        let n = points.len() as f64;
-        let mean = [0, 1].map(|k: usize| points.iter().map(|p| p[k]).sum::<f64>() / n);
-        let moment = |i: usize, j: usize| {
-            points
-                .iter()
-                .map(|p| (p[i] - mean[i]) * (p[j] - mean[j]))
-                .sum::<f64>()
-        };
-        let (xx, xy, yy) = (moment(0, 0), moment(0, 1), moment(1, 1));
-        let angle = 0.5 * libm::atan2(2.0 * xy, xx - yy);
-        let mut normal = [-libm::sin(angle), libm::cos(angle)];
-        if normal[0] * rough.normal[0] + normal[1] * rough.normal[1] < 0.0 {
-            normal = normal.map(|v| -v);
-        }
-        Some(Self {
-            normal,
-            offset: normal[0] * mean[0] + normal[1] * mean[1],
-        })
-    }
+fn square_distance(a: Point, b: Point) -> f64 {
+    let [x, y] = [a[0] - b[0], a[1] - b[1]];
+    x * x + y * y
 }
 
 fn intersection(a: &Line, b: &Line) -> Point {

@@ -35,22 +35,32 @@ pub(crate) struct Region {
 /// A horizontal run of dark pixels.
 #[derive(Clone, Copy, Debug)]
 struct Run {
-    row: usize,
-    from: usize,
-    to: usize,
+    row: u32,
+    from: u32,
+    to: u32,
 }
 
 /// All dark regions of suitable extent.
 pub(crate) fn dark(image: &ImageView<'_>, config: &RegionConfig) -> Vec<Region> {
     let threshold = Threshold::new(image, config);
-    let (mut runs, mut parents): (Vec<Run>, Vec<usize>) = (Vec::new(), Vec::new());
+    let mut runs: Vec<Run> = Vec::new();
+    // Of each run one before it that it touches, or itself: the first one of a region is its root.
+    let mut parents: Vec<u32> = Vec::new();
+    let mut levels = vec![0; image.width()];
     let mut above = 0..0;
     for row in 0..image.height() {
         let first = runs.len();
-        threshold.dark_runs(image, row, |from, to| {
-            parents.push(runs.len());
-            runs.push(Run { row, from, to });
+        if row % threshold.tile == 0 {
+            threshold.spread(row / threshold.tile, &mut levels);
+        }
+        dark_runs(image.row(row), &levels, |from, to| {
+            runs.push(Run {
+                row: row as u32,
+                from: from as u32,
+                to: to as u32,
+            });
         });
+        parents.extend(first as u32..runs.len() as u32);
         // Runs that touch, diagonally too, belong together.
         let mut other = above.start;
         for current in first..runs.len() {
@@ -60,81 +70,94 @@ pub(crate) fn dark(image: &ImageView<'_>, config: &RegionConfig) -> Vec<Region> 
             }
             let mut touching = other;
             while touching < above.end && runs[touching].from <= run.to + 1 {
-                join(&mut parents, touching, current);
+                join(&mut parents, touching as u32, current as u32);
                 touching += 1;
             }
         }
         above = first..runs.len();
     }
-    regions_of(&runs, &mut parents, config)
+    regions_of(&runs, parents, config)
 }
 
-fn root(parents: &mut [usize], mut of: usize) -> usize {
-    while parents[of] != of {
-        parents[of] = parents[parents[of]];
-        of = parents[of];
+fn root(parents: &mut [u32], mut of: u32) -> u32 {
+    while parents[of as usize] != of {
+        parents[of as usize] = parents[parents[of as usize] as usize];
+        of = parents[of as usize];
     }
     of
 }
 
-fn join(parents: &mut [usize], a: usize, b: usize) {
+fn join(parents: &mut [u32], a: u32, b: u32) {
     let (a, b) = (root(parents, a), root(parents, b));
-    parents[a.max(b)] = a.min(b);
+    parents[a.max(b) as usize] = a.min(b);
+}
+
+/// What the runs of a region extend over.
+#[derive(Clone, Copy, Debug)]
+struct Bounds {
+    top: u32,
+    bottom: u32,
+    from: u32,
+    to: u32,
+    /// Number of pixels.
+    area: u32,
 }
 
 /// Groups runs by region, in the order of their first runs.
-fn regions_of(runs: &[Run], parents: &mut [usize], config: &RegionConfig) -> Vec<Region> {
-    /// Bounds: columns, last row, area.
-    #[derive(Clone, Copy)]
-    struct Bounds {
-        from: usize,
-        to: usize,
-        bottom: usize,
-        area: usize,
-    }
-    let mut bounds: Vec<Option<Bounds>> = vec![None; runs.len()];
+fn regions_of(runs: &[Run], mut parents: Vec<u32>, config: &RegionConfig) -> Vec<Region> {
+    // Roots come before the runs that lead to them, so their numbers are known by then: from here
+    // on parents are numbers of regions.
+    let mut bounds: Vec<Bounds> = Vec::new();
     for (i, run) in runs.iter().enumerate() {
-        let of = root(parents, i);
-        let known = bounds[of].unwrap_or(Bounds {
-            from: run.from,
-            to: run.to,
-            bottom: run.row,
-            area: 0,
-        });
-        bounds[of] = Some(Bounds {
-            from: known.from.min(run.from),
-            to: known.to.max(run.to),
-            bottom: run.row,
-            area: known.area + run.to + 1 - run.from,
-        });
-    }
-    let extent = config.min_extent_px..=config.max_extent_px;
-    let mut numbers = vec![usize::MAX; runs.len()];
-    let mut regions: Vec<Region> = Vec::new();
-    for (i, run) in runs.iter().enumerate() {
-        let of = root(parents, i);
-        let Some(known) = bounds[of] else { continue };
-        let top = runs[of].row;
-        let size = [known.to + 1 - known.from, known.bottom + 1 - top];
-        if !size.iter().all(|size| extent.contains(size)) {
+        let parent = parents[i] as usize;
+        if parent == i {
+            parents[i] = bounds.len() as u32;
+            bounds.push(Bounds {
+                top: run.row,
+                bottom: run.row,
+                from: run.from,
+                to: run.to,
+                area: run.to + 1 - run.from,
+            });
             continue;
         }
-        if numbers[of] == usize::MAX {
-            numbers[of] = regions.len();
+        parents[i] = parents[parent];
+        let own = &mut bounds[parents[i] as usize];
+        own.bottom = run.row;
+        own.from = own.from.min(run.from);
+        own.to = own.to.max(run.to);
+        own.area += run.to + 1 - run.from;
+    }
+    let extent = config.min_extent_px..=config.max_extent_px;
+    let mut regions: Vec<Region> = Vec::new();
+    // Index of each region among those of suitable extent.
+    let suitable: Vec<Option<u32>> = bounds
+        .iter()
+        .map(|own| {
+            let size = [own.to + 1 - own.from, own.bottom + 1 - own.top].map(|v| v as usize);
+            if !size.iter().all(|size| extent.contains(size)) {
+                return None;
+            }
             regions.push(Region {
-                top,
+                top: own.top as usize,
                 rows: vec![[usize::MAX, 0]; size[1]],
-                left: known.from,
+                left: own.from as usize,
                 columns: vec![[usize::MAX, 0]; size[0]],
-                area: known.area,
+                area: own.area as usize,
             });
-        }
-        let region = &mut regions[numbers[of]];
-        let [from, to] = &mut region.rows[run.row - top];
-        (*from, *to) = ((*from).min(run.from), (*to).max(run.to));
-        for column in run.from..=run.to {
-            let [from, to] = &mut region.columns[column - known.from];
-            (*from, *to) = ((*from).min(run.row), (*to).max(run.row));
+            Some(regions.len() as u32 - 1)
+        })
+        .collect();
+    for (run, number) in runs.iter().zip(&parents) {
+        let Some(index) = suitable[*number as usize] else {
+            continue;
+        };
+        let region = &mut regions[index as usize];
+        let [row, from, to] = [run.row, run.from, run.to].map(|v| v as usize);
+        let ends = &mut region.rows[row - region.top];
+        *ends = [ends[0].min(from), ends[1].max(to)];
+        for ends in &mut region.columns[from - region.left..=to - region.left] {
+            *ends = [ends[0].min(row), ends[1].max(row)];
         }
     }
     regions
@@ -153,32 +176,42 @@ impl Threshold {
         let tile = config.tile_px.max(1);
         let across = image.width().div_ceil(tile);
         let down = image.height().div_ceil(tile);
-        let mut ranges = vec![[u8::MAX, 0]; across * down];
-        for row in 0..image.height() {
-            let ranges = &mut ranges[row / tile * across..][..across];
-            for (pixels, [low, high]) in image.row(row).chunks(tile).zip(ranges) {
-                for &pixel in pixels {
-                    (*low, *high) = ((*low).min(pixel), (*high).max(pixel));
-                }
+        // Minimum and maximum of each tile: down its columns of pixels, then across.
+        let (mut lows, mut highs) = (vec![u8::MAX; across * down], vec![0; across * down]);
+        let (mut low, mut high) = (vec![0; image.width()], vec![0; image.width()]);
+        for j in 0..down {
+            low.copy_from_slice(image.row(j * tile));
+            high.copy_from_slice(image.row(j * tile));
+            for row in j * tile + 1..((j + 1) * tile).min(image.height()) {
+                take_extremes(&mut low, &mut high, image.row(row), image.row(row));
+            }
+            let tiles = j * across..(j + 1) * across;
+            for (own, pixels) in lows[tiles.clone()].iter_mut().zip(low.chunks(tile)) {
+                *own = pixels.iter().copied().fold(u8::MAX, u8::min);
+            }
+            for (own, pixels) in highs[tiles].iter_mut().zip(high.chunks(tile)) {
+                *own = pixels.iter().copied().fold(0, u8::max);
             }
         }
-        let levels = (0..across * down)
-            .map(|i| {
-                let (x, y) = (i % across, i / across);
-                let (mut low, mut high) = (u8::MAX, 0);
-                for j in y.saturating_sub(1)..=(y + 1).min(down - 1) {
-                    for [l, h] in
-                        &ranges[j * across..][x.saturating_sub(1)..=(x + 1).min(across - 1)]
-                    {
-                        (low, high) = (low.min(*l), high.max(*h));
-                    }
-                }
+        let mut levels = Vec::with_capacity(across * down);
+        let (mut low, mut high) = (vec![0; across], vec![0; across]);
+        for j in 0..down {
+            let row = |j: usize| j * across..(j + 1) * across;
+            low.copy_from_slice(&lows[row(j)]);
+            high.copy_from_slice(&highs[row(j)]);
+            for other in [j.saturating_sub(1), (j + 1).min(down - 1)] {
+                take_extremes(&mut low, &mut high, &lows[row(other)], &highs[row(other)]);
+            }
+            levels.extend((0..across).map(|i| {
+                let near = i.saturating_sub(1)..(i + 2).min(across);
+                let low = low[near.clone()].iter().copied().fold(u8::MAX, u8::min);
+                let high = high[near].iter().copied().fold(0, u8::max);
                 match high - low >= config.min_contrast {
                     true => low + (high - low) / 2,
                     false => 0,
                 }
-            })
-            .collect();
+            }));
+        }
         Self {
             tile,
             across,
@@ -186,56 +219,68 @@ impl Threshold {
         }
     }
 
-    /// Calls `each` with the first and the last column of every run of dark pixels.
-    fn dark_runs(&self, image: &ImageView<'_>, row: usize, mut each: impl FnMut(usize, usize)) {
-        let levels = &self.levels[row / self.tile * self.across..][..self.across];
-        let mut from = None;
-        let pixels = image.row(row);
-        for (column, &pixel) in pixels.iter().enumerate() {
-            let is_dark = pixel < levels[column / self.tile];
-            match (from, is_dark) {
-                (None, true) => from = Some(column),
-                (Some(first), false) => {
-                    each(first, column - 1);
-                    from = None;
-                }
-                _ => {}
-            }
-        }
-        if let Some(first) = from {
-            each(first, pixels.len() - 1);
+    /// Thresholds of the pixels of a row, of the tiles in a row of them.
+    fn spread(&self, row: usize, pixels: &mut [u8]) {
+        let levels = &self.levels[row * self.across..];
+        for (pixels, level) in pixels.chunks_mut(self.tile).zip(levels) {
+            pixels.fill(*level);
         }
     }
+}
+
+/// Lowers minima and raises maxima by those of other values.
+fn take_extremes(low: &mut [u8], high: &mut [u8], lows: &[u8], highs: &[u8]) {
+    for (low, other) in low.iter_mut().zip(lows) {
+        *low = (*low).min(*other);
+    }
+    for (high, other) in high.iter_mut().zip(highs) {
+        *high = (*high).max(*other);
+    }
+}
+
+/// Calls `each` with the first and the last column of every run of pixels below their levels.
+fn dark_runs(pixels: &[u8], levels: &[u8], mut each: impl FnMut(usize, usize)) {
+    /// Pixels that are compared at a time: the bits of a word.
+    const BLOCK: usize = 64;
+    let mut from = 0;
+    let mut was_dark = 0;
+    let blocks = pixels.chunks(BLOCK).zip(levels.chunks(BLOCK));
+    for (number, (pixels, levels)) in blocks.enumerate() {
+        let mut is_dark = [0; BLOCK];
+        for (own, (pixel, level)) in is_dark.iter_mut().zip(pixels.iter().zip(levels)) {
+            *own = u8::from(pixel < level);
+        }
+        let dark = bits(&is_dark);
+        // Where runs begin and where they have ended, in turns.
+        let mut changes = dark ^ (dark << 1 | was_dark);
+        was_dark = dark >> (BLOCK - 1);
+        let begins = dark & changes;
+        while changes != 0 {
+            let bit = changes & changes.wrapping_neg();
+            let column = number * BLOCK + bit.trailing_zeros() as usize;
+            match begins & bit != 0 {
+                true => from = column,
+                false => each(from, column - 1),
+            }
+            changes &= !bit;
+        }
+    }
+    // Beyond the last pixel of a block that is not full nothing is dark.
+    if was_dark == 1 {
+        each(from, pixels.len() - 1);
+    }
+}
+
+/// Bytes of 0 and 1 as bits, the first one lowest.
+fn bits(bytes: &[u8; 64]) -> u64 {
+    /// Brings bit 0 of each byte into the highest byte, in their order.
+    const GATHER: u64 = 0x0102_0408_1020_4080;
+    let (groups, _) = bytes.as_chunks::<8>();
+    let groups = groups.iter().enumerate();
+    groups.fold(0, |bits, (n, group)| {
+        bits | (u64::from_le_bytes(*group).wrapping_mul(GATHER) >> 56) << (8 * n)
+    })
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn touching_runs_are_one_region() {
-        let mut pixels = vec![200_u8; 40 * 40];
-        // A ring, and a bar that is too thin.
-        for i in 10..30 {
-            for j in 10..30 {
-                let is_inside = (14..26).contains(&i) && (14..26).contains(&j);
-                pixels[j * 40 + i] = if is_inside { 200 } else { 20 };
-            }
-        }
-        for i in 2..38 {
-            pixels[36 * 40 + i] = 20;
-        }
-        let image = ImageView::packed(40, 40, &pixels).expect("an image");
-        let found = dark(&image, &RegionConfig::default());
-        assert_eq!(found.len(), 1);
-        let ring = &found[0];
-        assert_eq!((ring.top, ring.left, ring.area), (10, 10, 400 - 144));
-        assert_eq!(ring.rows.len(), 20);
-        assert!(
-            ring.rows
-                .iter()
-                .chain(&ring.columns)
-                .all(|ends| *ends == [10, 29])
-        );
-    }
-}
+mod tests;
