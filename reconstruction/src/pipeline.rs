@@ -33,7 +33,7 @@ pub use self::observer::{Observer, Outcome, State};
 pub use self::report::Report;
 pub use self::selection::Selection;
 pub use self::stage::{Stage, StageError};
-pub use self::work::Work;
+pub use self::work::{Findings, Work};
 
 /// The stages, in order. See the module.
 pub struct Pipeline<S: ?Sized> {

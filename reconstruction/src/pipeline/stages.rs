@@ -24,7 +24,7 @@ mod depth;
 mod depth_frames;
 #[cfg(test)]
 mod down_looking;
-mod feet;
+pub mod feet;
 pub mod frame_set_reader;
 mod keyframe_candidates;
 mod keyframe_spacing;
@@ -36,7 +36,7 @@ mod preset;
 pub mod rig;
 mod rolling_shutter;
 pub(crate) mod soles;
-mod tags;
+pub mod tags;
 mod terrain;
 
 /// Names of the stages, in order.

@@ -15,8 +15,36 @@ pub struct Work<'a, S: ?Sized> {
     inputs: &'static [&'static str],
     outputs: &'static [&'static str],
     drafts: Vec<Draft>,
-    report: Mutex<Report>,
+    findings: Findings,
     observer: &'a dyn Observer,
+}
+
+/// Notes and losses of a stage, in their order. May be used from several threads.
+#[derive(Debug, Default)]
+pub struct Findings {
+    report: Mutex<Report>,
+}
+
+impl Findings {
+    /// Adds a note on an assumption or finding. Notes are kept in order: add them from one thread.
+    pub fn note(&self, sentence: impl Into<String>) {
+        self.report(|report| report.notes.push(sentence.into()));
+    }
+
+    /// Adds a loss: a part of the input that could not be used. The program then exits with 3.
+    pub fn record_loss(&self, sentence: impl Into<String>) {
+        self.report(|report| report.losses.push(sentence.into()));
+    }
+
+    fn report(&self, change: impl FnOnce(&mut Report)) {
+        change(&mut self.report.lock().unwrap_or_else(PoisonError::into_inner));
+    }
+
+    /// All of them.
+    pub fn into_report(self) -> Report {
+        let report = self.report.into_inner();
+        report.unwrap_or_else(PoisonError::into_inner)
+    }
 }
 
 impl<'a, S: ?Sized> Work<'a, S> {
@@ -34,7 +62,7 @@ impl<'a, S: ?Sized> Work<'a, S> {
             inputs,
             outputs,
             drafts: drafts.collect::<Result<_, _>>()?,
-            report: Mutex::default(),
+            findings: Findings::default(),
             observer,
         })
     }
@@ -68,14 +96,19 @@ impl<'a, S: ?Sized> Work<'a, S> {
         &self.drafts[position.expect("an output of this stage")]
     }
 
-    /// Adds a note on an assumption or finding. Notes are kept in order: add them from one thread.
-    pub fn note(&self, sentence: impl Into<String>) {
-        self.report(|report| report.notes.push(sentence.into()));
+    /// Notes and losses of the stage.
+    pub fn findings(&self) -> &Findings {
+        &self.findings
     }
 
-    /// Adds a loss: a part of the input that could not be used. The program then exits with 3.
+    /// As [`Findings::note`].
+    pub fn note(&self, sentence: impl Into<String>) {
+        self.findings.note(sentence);
+    }
+
+    /// As [`Findings::record_loss`].
     pub fn record_loss(&self, sentence: impl Into<String>) {
-        self.report(|report| report.losses.push(sentence.into()));
+        self.findings.record_loss(sentence);
     }
 
     /// Adds a loss from an error, with its causes.
@@ -88,12 +121,7 @@ impl<'a, S: ?Sized> Work<'a, S> {
         self.observer.progress(done, total);
     }
 
-    fn report(&self, change: impl FnOnce(&mut Report)) {
-        change(&mut self.report.lock().unwrap_or_else(PoisonError::into_inner));
-    }
-
     pub(super) fn end(self) -> (Vec<Draft>, Report) {
-        let report = self.report.into_inner();
-        (self.drafts, report.unwrap_or_else(PoisonError::into_inner))
+        (self.drafts, self.findings.into_report())
     }
 }

@@ -24,7 +24,7 @@ use scene_bundle::outputs::contacts::{ContactEvent, ContactView, FootContact};
 use scene_bundle::outputs::feet::{FootPose, FootStatus};
 use scene_bundle::outputs::rig::RigModel;
 use scene_bundle::outputs::tag_detections::TagDetection;
-use scene_bundle::outputs::terrain::MeshDetail;
+use scene_bundle::outputs::terrain::{MeshDetail, TerrainMesh};
 use scene_bundle::outputs::{
     self, CONTACTS, DEPTH, FEET, KEYFRAMES, RIG_REFINED, TAG_DETECTIONS, TERRAIN, TRAJECTORY,
 };
@@ -37,7 +37,7 @@ use super::depth_frames::{DepthFrame, instants};
 use super::pose_interpolation::pose_at;
 use super::soles::{edges, outline, shoe};
 use crate::input::Input;
-use crate::pipeline::{Stage, StageError, Work};
+use crate::pipeline::{Findings, Stage, StageError, Work};
 
 mod contact_views;
 mod ground_below;
@@ -80,38 +80,13 @@ impl Stage<Input> for FeetStage {
     }
 
     fn run(&self, work: &Work<'_, Input>) -> Result<(), StageError> {
-        let mut rig = outputs::rig::read(&work.read(RIG_REFINED)?)?;
+        let rig = outputs::rig::read(&work.read(RIG_REFINED)?)?;
         let trajectory = outputs::trajectory::read(&work.read(TRAJECTORY)?)?;
         let detections = outputs::tag_detections::read(&work.read(TAG_DETECTIONS)?)?;
-        let config = GaitConfig::default();
-        let soles = Foot::ALL.map(|foot| edges(&rig, foot));
-        let mut gait = Gait::new(&rig, &trajectory, &detections);
-        if correct_placement(work, &mut rig, &gait.contacts)? {
-            gait = Gait::new(&rig, &trajectory, &detections);
-        }
-        let Gait { observed, contacts } = gait;
-        let times: Vec<i64> = trajectory.poses().iter().map(|pose| pose.time_ns).collect();
-        let mut poses = Vec::with_capacity(2 * times.len());
-        if observed.iter().any(|own| !own.is_empty()) {
-            let known = [0, 1].map(|k: usize| FootContacts {
-                side: match Foot::ALL[k] {
-                    Foot::Left => Side::Left,
-                    Foot::Right => Side::Right,
-                },
-                observations: &observed[k],
-                contacts: &contacts[k],
-                sole: soles[k],
-            });
-            let habit = SwingHabit::learned(&known, &config.swing);
-            for (foot, known) in Foot::ALL.into_iter().zip(&known) {
-                let found = foot_poses(known, &habit, &times, &config.swing);
-                let rigs = trajectory.poses().iter();
-                poses.extend(rigs.zip(found).map(|(rig, own)| foot_pose(foot, rig, &own)));
-            }
-            report(work, &contacts, &poses);
-        } else {
-            work.note("no tag on a shoe was seen: there are no contacts and no poses of feet");
-        }
+        let reader = work.read(TERRAIN)?;
+        let terrain = outputs::terrain::read(&reader)?;
+        let ground = outputs::terrain::read_mesh(&reader, MeshDetail::Dense, &terrain)?;
+        let (contacts, poses) = feet(&rig, &trajectory, &detections, &ground, work.findings());
         let mut rows: Vec<FootContact> = Vec::new();
         for (foot, contacts) in Foot::ALL.into_iter().zip(&contacts) {
             rows.extend(contacts.iter().map(|own| foot_contact(foot, own)));
@@ -122,6 +97,48 @@ impl Stage<Input> for FeetStage {
         outputs::contacts::write(work.draft(CONTACTS), &rows, &views)?;
         Ok(())
     }
+}
+
+/// Contacts of the left and the right foot, and poses of both at those of the trajectory, by foot.
+/// `ground` is the mesh of depth alone.
+pub fn feet(
+    rig: &RigModel,
+    trajectory: &Trajectory,
+    detections: &[TagDetection],
+    ground: &TerrainMesh,
+    work: &Findings,
+) -> ([Vec<Contact>; 2], Vec<FootPose>) {
+    let mut rig = rig.clone();
+    let config = GaitConfig::default();
+    let soles = Foot::ALL.map(|foot| edges(&rig, foot));
+    let mut gait = Gait::new(&rig, trajectory, detections);
+    if correct_placement(work, &mut rig, ground, &gait.contacts) {
+        gait = Gait::new(&rig, trajectory, detections);
+    }
+    let Gait { observed, contacts } = gait;
+    let times: Vec<i64> = trajectory.poses().iter().map(|pose| pose.time_ns).collect();
+    let mut poses = Vec::with_capacity(2 * times.len());
+    if observed.iter().any(|own| !own.is_empty()) {
+        let known = [0, 1].map(|k: usize| FootContacts {
+            side: match Foot::ALL[k] {
+                Foot::Left => Side::Left,
+                Foot::Right => Side::Right,
+            },
+            observations: &observed[k],
+            contacts: &contacts[k],
+            sole: soles[k],
+        });
+        let habit = SwingHabit::learned(&known, &config.swing);
+        for (foot, known) in Foot::ALL.into_iter().zip(&known) {
+            let found = foot_poses(known, &habit, &times, &config.swing);
+            let rigs = trajectory.poses().iter();
+            poses.extend(rigs.zip(found).map(|(rig, own)| foot_pose(foot, rig, &own)));
+        }
+        report(work, &contacts, &poses);
+    } else {
+        work.note("no tag on a shoe was seen: there are no contacts and no poses of feet");
+    }
+    (contacts, poses)
 }
 
 /// What the tags show of both feet.
@@ -159,10 +176,11 @@ impl Gait {
 /// Corrects the placement of the tags by the ground below the feet at rest; whether it did.
 /// Reports tags that slipped, that are exchanged, and those that the ground contradicts.
 fn correct_placement(
-    work: &Work<'_, Input>,
+    work: &Findings,
     rig: &mut RigModel,
+    ground: &TerrainMesh,
     contacts: &[Vec<Contact>; 2],
-) -> Result<bool, StageError> {
+) -> bool {
     let config = PlacementConfig::default();
     let [left, right] = contacts.each_ref().map(|own| places(own));
     if are_exchanged([&left, &right], &config) {
@@ -171,10 +189,7 @@ fn correct_placement(
              sides; exchange `foot` of [[shoe_tag]] in the rig file",
         );
     }
-    let reader = work.read(TERRAIN)?;
-    let terrain = outputs::terrain::read(&reader)?;
-    let mesh = outputs::terrain::read_mesh(&reader, MeshDetail::Dense, &terrain)?;
-    let ground = GroundBelow::new(&mesh);
+    let ground = GroundBelow::new(ground);
     let mut is_corrected = false;
     for (foot, contacts) in Foot::ALL.into_iter().zip(contacts) {
         let samples = ground.samples(contacts);
@@ -209,7 +224,7 @@ fn correct_placement(
             ));
         }
     }
-    Ok(is_corrected)
+    is_corrected
 }
 
 fn slip_message(foot: Foot, slip: &Slip) -> String {
@@ -249,7 +264,7 @@ fn placement_message(foot: Foot, error: &PlacementError) -> String {
     )
 }
 
-fn report(work: &Work<'_, Input>, contacts: &[Vec<Contact>; 2], poses: &[FootPose]) {
+fn report(work: &Findings, contacts: &[Vec<Contact>; 2], poses: &[FootPose]) {
     let [left, right] = contacts.each_ref().map(Vec::len);
     let share = |statuses: &[FootStatus]| {
         let count = poses.iter().filter(|pose| statuses.contains(&pose.status));

@@ -220,7 +220,7 @@ pub fn model(
 }
 
 /// Shoes of a rig file, the left one first.
-fn shoes(rig: &Rig) -> Vec<RigShoe> {
+pub fn shoes(rig: &Rig) -> Vec<RigShoe> {
     let of_foot = |foot: Foot| {
         let tags = rig.shoe_tags().iter().filter(|tag| tag.foot == foot);
         let sole = rig.soles().iter().find(|sole| sole.foot == foot);

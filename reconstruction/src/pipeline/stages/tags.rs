@@ -23,7 +23,7 @@ use session_input::View;
 
 use super::pose_interpolation::pose_at;
 use crate::input::{HANDOFF, Input};
-use crate::pipeline::{Stage, StageError, Work};
+use crate::pipeline::{Findings, Stage, StageError, Work};
 
 /// Half of the time over which the motion of the rig is a difference of its poses, ns.
 const MOTION_NS: i64 = 5_000_000;
@@ -151,24 +151,7 @@ impl Tracked<'_> {
             done += 1;
             work.progress(done, all);
         }
-        let share = 100.0 * seen as f64 / done.max(1) as f64;
-        work.note(format!(
-            "{share:.0} % of {done} frames show a tag of a shoe"
-        ));
-        if eyes.disagree() {
-            work.record_loss(format!(
-                "{} of {} detections of tags fit the image of one eye only, so their distances are \
-                 not known: check size_m of [[shoe_tag]], the calibration of the camera, and \
-                 whether an eye is covered",
-                eyes.one, eyes.all
-            ));
-        }
-        if seen == 0 {
-            work.record_loss(format!(
-                "none of {done} frames shows a tag of a shoe: check numbers, size and family of \
-                 [[shoe_tag]] in the rig file"
-            ));
-        }
+        report(work.findings(), eyes, seen, done);
         Ok(())
     }
 
@@ -194,37 +177,49 @@ impl Tracked<'_> {
     }
 
     fn detection(&self, sighting: &Detection, view: &View) -> Result<TagDetection, StageError> {
-        let fit = &sighting.fit;
-        let (foot, tag) = self.tag(sighting);
-        let share = |eye: usize| fit.visible_share.get(eye).copied().unwrap_or(0.0) as f32;
-        Ok(TagDetection {
-            time_ns: sighting.time_ns,
-            frame: view.number,
-            camera: sighting.camera as u8,
-            foot,
-            tag,
-            rig_from_tag: fit.reference_from_tag,
-            covariance: covariance(&fit.covariance)?,
-            visible_share: [share(0), share(1)],
-            rms_levels: fit.rms_levels as f32,
-            wrong_bits: u8::try_from(fit.wrong_bits).unwrap_or(u8::MAX),
-            second: fit.other.as_ref().map(|other| SecondPose {
-                rig_from_tag: other.reference_from_tag,
-                excess_cost: other.excess_cost as f32,
-            }),
-        })
+        detection(sighting, self.tag(sighting), view.number)
     }
 }
 
-/// Detections in which one eye was used of two.
+/// The row of a detection in a frame, of a tag with this foot and number.
+///
+/// # Errors
+/// Rounding makes its covariance none.
+pub fn detection(
+    sighting: &Detection,
+    (foot, tag): (Foot, u64),
+    frame: u64,
+) -> Result<TagDetection, StageError> {
+    let fit = &sighting.fit;
+    let share = |eye: usize| fit.visible_share.get(eye).copied().unwrap_or(0.0) as f32;
+    Ok(TagDetection {
+        time_ns: sighting.time_ns,
+        frame,
+        camera: sighting.camera as u8,
+        foot,
+        tag,
+        rig_from_tag: fit.reference_from_tag,
+        covariance: covariance(&fit.covariance)?,
+        visible_share: [share(0), share(1)],
+        rms_levels: fit.rms_levels as f32,
+        wrong_bits: u8::try_from(fit.wrong_bits).unwrap_or(u8::MAX),
+        second: fit.other.as_ref().map(|other| SecondPose {
+            rig_from_tag: other.reference_from_tag,
+            excess_cost: other.excess_cost as f32,
+        }),
+    })
+}
+
+/// Number of detections, and of those in which one eye was used of two.
 #[derive(Clone, Copy, Debug, Default)]
-struct EyeCounts {
+pub struct EyeCounts {
     all: u32,
     one: u32,
 }
 
 impl EyeCounts {
-    fn count(&mut self, detection: &TagDetection) {
+    /// Adds a detection.
+    pub fn count(&mut self, detection: &TagDetection) {
         let [left, right] = detection.visible_share;
         self.all += 1;
         self.one += u32::from(left.min(right) < MIN_EYE_SHARE);
@@ -236,6 +231,28 @@ impl EyeCounts {
     }
 }
 
+/// Reports what the frames show: `seen` of `done` contain a tag.
+pub fn report(work: &Findings, eyes: EyeCounts, seen: u64, done: u64) {
+    let share = 100.0 * seen as f64 / done.max(1) as f64;
+    work.note(format!(
+        "{share:.0} % of {done} frames show a tag of a shoe"
+    ));
+    if eyes.disagree() {
+        work.record_loss(format!(
+            "{} of {} detections of tags fit the image of one eye only, so their distances are \
+             not known: check size_m of [[shoe_tag]], the calibration of the camera, and \
+             whether an eye is covered",
+            eyes.one, eyes.all
+        ));
+    }
+    if seen == 0 {
+        work.record_loss(format!(
+            "none of {done} frames shows a tag of a shoe: check numbers, size and family of \
+             [[shoe_tag]] in the rig file"
+        ));
+    }
+}
+
 /// Translation first, as files have it; a fit has rotation first.
 fn covariance(fit: &nalgebra::Matrix6<f64>) -> Result<Covariance, StageError> {
     let place = |k: usize| (k + 3) % 6;
@@ -244,7 +261,7 @@ fn covariance(fit: &nalgebra::Matrix6<f64>) -> Result<Covariance, StageError> {
 }
 
 /// Shoes with tags, with their feet and the numbers of their tags.
-fn shoes(rig: &RigModel) -> (Vec<Shoe>, Vec<(Foot, Vec<u64>)>) {
+pub fn shoes(rig: &RigModel) -> (Vec<Shoe>, Vec<(Foot, Vec<u64>)>) {
     let with_tags = rig.shoes.iter().filter(|shoe| !shoe.tags.is_empty());
     with_tags.map(shoe).unzip()
 }
@@ -268,7 +285,8 @@ fn shoe(shoe: &RigShoe) -> (Shoe, (Foot, Vec<u64>)) {
     (Shoe { side, tags }, (shoe.foot, ids))
 }
 
-fn camera(camera: &RigCamera) -> Camera {
+/// A camera as the tracker has it.
+pub fn camera(camera: &RigCamera) -> Camera {
     let rig_from_right = camera.rig_from_left * camera.right_from_left.inverse();
     Camera {
         lenses: [Lens::new(&camera.left), Lens::new(&camera.right)],
@@ -301,7 +319,7 @@ fn seeing_cameras(rig: &RigModel) -> Vec<usize> {
 }
 
 /// Pose and motion of the rig at a time, where it is tracked.
-fn rig_state(trajectory: &Trajectory, time_ns: i64) -> Option<RigState> {
+pub fn rig_state(trajectory: &Trajectory, time_ns: i64) -> Option<RigState> {
     let world_from_rig = pose_at(trajectory, time_ns)?;
     let at = |by_ns: i64| pose_at(trajectory, time_ns + by_ns).unwrap_or(world_from_rig);
     let (before, after) = (at(-MOTION_NS), at(MOTION_NS));
