@@ -135,10 +135,11 @@ fn less_than_two_steps_are_no_loss() {
 }
 
 #[test]
-fn a_dark_eye_is_a_loss_and_the_pipeline_continues() {
+fn an_eye_that_shows_no_tag_is_a_loss_and_the_pipeline_continues() {
     let imaging = Imaging {
         right_eye: EyeDifference {
-            gain: -0.98,
+            blur_px: 10.0,
+            gain: -0.5,
             ..EyeDifference::default()
         },
         ..Imaging::USUAL

@@ -6,7 +6,7 @@ use anyhow::{Context, Result};
 use nalgebra::Vector3;
 use reconstruction::pipeline::report_of;
 use scene_bundle::outputs::terrain::{MeshDetail, TerrainMesh, read, read_mesh};
-use scene_bundle::outputs::{CONTACTS, TERRAIN, contacts};
+use scene_bundle::outputs::{self, CONTACTS, TERRAIN};
 use scene_bundle::{Scene, error_chain};
 use serde::{Deserialize, Serialize};
 
@@ -26,10 +26,12 @@ pub(super) struct MapSize {
 }
 
 impl MapSize {
+    /// Of the terrain in one bundle and the contacts in another.
+    ///
     /// # Errors
-    /// The bundle lacks an output of the measured stages.
-    pub(super) fn of(bundle: &Path) -> Result<Self> {
-        let scene = Scene::open(bundle)?;
+    /// A bundle lacks an output of the measured stages.
+    pub(super) fn of(terrain: &Path, contacts: &Path) -> Result<Self> {
+        let scene = Scene::open(terrain)?;
         let notes = report_of(&scene, TERRAIN)?.notes;
         let (blocks, blocks_mb) = notes
             .iter()
@@ -38,9 +40,9 @@ impl MapSize {
         let reader = scene.output(TERRAIN)?;
         let terrain = read(&reader)?;
         let mesh = read_mesh(&reader, MeshDetail::Dense, &terrain)?;
-        let reader = scene.output(CONTACTS)?;
-        let rows = contacts::read(&reader)?.len();
-        let views = contacts::read_views(&reader, rows);
+        let reader = Scene::open(contacts)?.output(CONTACTS)?;
+        let rows = outputs::contacts::read(&reader)?.len();
+        let views = outputs::contacts::read_views(&reader, rows);
         let views = views.map_err(|error| anyhow::anyhow!(error_chain(&error)))?;
         Ok(Self {
             blocks,

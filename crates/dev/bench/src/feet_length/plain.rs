@@ -3,8 +3,8 @@
 //! - Poses are true.
 //! - A tag is detected in each frame in which both eyes can show all of it and it is tilted by less
 //!   than 75°, whether a leg hides it or not; its pose has the noise that its covariance states.
-//! - Keyframes are selected as by the preset `balanced`. Their depth is the true one of the
-//!   rectified left image, with independent noise of 0.2 px of disparity; the wearer, and surfaces
+//! - Keyframes are selected as by the preset `fast`. Their depth is the true one of the
+//!   rectified left image, with independent noise of 0.03 px of disparity; the wearer, and surfaces
 //!   beyond 8 m, have no depth. There are no masks and no cloud.
 //!
 //! Bundles of several lengths have the same keyframes, as far as they go.
@@ -27,7 +27,7 @@ use scene_bundle::outputs::tag_detections::TagDetectionsWriter;
 use scene_bundle::outputs::{
     self, CLOUD, DEPTH, KEYFRAMES, MASKS, RIG_REFINED, TAG_DETECTIONS, TRAJECTORY,
 };
-use scene_bundle::{Bundle, Pose, Provenance, Record, Trajectory};
+use scene_bundle::{Bundle, Pose, Provenance, Record, Scene, Trajectory};
 use serde_json::json;
 
 use super::detections::detections;
@@ -35,11 +35,12 @@ use super::walk::{self, Walk};
 use crate::depth::frames::{inverse_depth, sample};
 
 /// Columns and rows of one eye.
-pub(super) const SIZE: [u32; 2] = [336, 188];
+pub(super) const SIZE: [u32; 2] = [224, 126];
+pub(super) const RATE_HZ: f64 = 15.0;
 /// Spacing of keyframes.
-const SPACING_M: f64 = 0.5;
-const SPACING_DEG: f64 = 20.0;
-const DISPARITY_SIGMA_PX: f64 = 0.2;
+const SPACING_M: f64 = 1.0;
+const SPACING_DEG: f64 = 30.0;
+const DISPARITY_SIGMA_PX: f64 = 0.03;
 const MAX_DEPTH_M: f32 = 8.0;
 const SEED: u64 = 91;
 /// Depth maps in memory.
@@ -134,6 +135,23 @@ pub(super) fn new_bundle(walk: &Walk, input: &Input, path: &Path, end_ns: i64) -
     outputs::trajectory::write(&draft, &Trajectory::new(poses)?)?;
     draft.commit(record())?;
     Ok(bundle)
+}
+
+/// Copies an output into another bundle.
+///
+/// # Errors
+/// It cannot be read or written.
+pub(super) fn copy_output(name: &str, from: &Path, to: &Path) -> Result<()> {
+    let from = Scene::open(from)?;
+    let reader = from.output(name)?;
+    let provenance = Scene::open(to)?.manifest().provenance.clone();
+    let bundle = Bundle::create_or_open(to, provenance)?;
+    let draft = bundle.begin(name)?;
+    for file in reader.paths() {
+        draft.write(file, &reader.read(file)?)?;
+    }
+    draft.commit(record())?;
+    Ok(())
 }
 
 fn record() -> Record {

@@ -22,7 +22,6 @@ use session_archive::time::CivilTime;
 
 const EXAMPLE_RIG: &str = include_str!("../../../../../cad-transforms/rigs/example.toml");
 const SEED: u64 = 331;
-const RATE_HZ: f64 = 15.0;
 /// Length of a session of which only the rig is used, s.
 const SHORT_S: f64 = 0.4;
 
@@ -32,22 +31,24 @@ pub(super) struct Walk {
     rig: Rig,
     rig_text: String,
     size: [u32; 2],
+    rate_hz: f64,
 }
 
 impl Walk {
     /// Scene, light and seed.
     pub(super) const NAME: &'static str = "plaza-day-331";
 
-    /// A walk of some minutes, with columns and rows of one eye.
-    pub(super) fn new(minutes: u32, size: [u32; 2]) -> Result<Self> {
+    /// A walk of some minutes, with columns and rows of one eye, and its frame rate.
+    pub(super) fn new(minutes: u32, size: [u32; 2], rate_hz: f64) -> Result<Self> {
         let rig_text = feet_camera_only(EXAMPLE_RIG);
         let rig = Rig::parse(&rig_text).context("reading the rig of the feet camera")?;
-        let simulation = simulation(60.0 * f64::from(minutes), size, &rig)?;
+        let simulation = simulation(60.0 * f64::from(minutes), (size, rate_hz), &rig)?;
         Ok(Self {
             simulation: Arc::new(simulation),
             rig,
             rig_text,
             size,
+            rate_hz,
         })
     }
 
@@ -58,7 +59,7 @@ impl Walk {
 
     /// A handed-over session of the first frames only, with the same rig.
     pub(super) fn short_session(&self, folder: &Path) -> Result<PathBuf> {
-        let simulation = simulation(SHORT_S, self.size, &self.rig)?;
+        let simulation = simulation(SHORT_S, (self.size, self.rate_hz), &self.rig)?;
         self.record(&Arc::new(simulation), folder)
     }
 
@@ -95,13 +96,13 @@ impl Walk {
     }
 }
 
-fn simulation(seconds: f64, size: [u32; 2], rig: &Rig) -> Result<Simulation> {
+fn simulation(seconds: f64, (size, rate_hz): ([u32; 2], f64), rig: &Rig) -> Result<Simulation> {
     let settings = Settings {
         kind: Kind::Plaza,
         lighting: Lighting::Day,
         seed: SEED,
         seconds,
-        rate_hz: RATE_HZ,
+        rate_hz,
         width: size[0],
         height: size[1],
         quality: Quality::FAST,
