@@ -166,7 +166,7 @@ impl Tracked<'_> {
         if seen == 0 {
             work.record_loss(format!(
                 "none of {done} frames shows a tag of a shoe: check numbers, size and family of \
-                 [[shoe_tag]] in the rig file"
+                 [[shoe_tag]] in the rig file, and whether an eye is covered"
             ));
         }
         Ok(())
