@@ -21,6 +21,7 @@ use scene_bundle::{Bundle, Provenance, Scene};
 use super::{code, loss, open, print_losses, progress_bar};
 use crate::machine;
 
+mod full_disk;
 mod overrides;
 
 #[derive(Args)]
@@ -98,11 +99,12 @@ fn named(text: &str) -> Result<(String, String), String> {
     pair.ok_or_else(|| "expected a name and a value, as in feet=VALUE".to_owned())
 }
 
+fn stage_number(stage: &str) -> Option<usize> {
+    stages::NAMES.iter().position(|name| *name == stage)
+}
+
 pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode> {
-    let place = |stage: &Option<String>| {
-        let stage = stage.as_deref()?;
-        stages::NAMES.iter().position(|name| *name == stage)
-    };
+    let place = |stage: &Option<String>| stage_number(stage.as_deref()?);
     if let (Some(from), Some(to)) = (place(&arguments.from), place(&arguments.to))
         && from > to
     {
@@ -122,23 +124,29 @@ pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode> {
         crate::Arguments::command().error(kind, message).exit();
     }
     let input = open(&arguments.handoff)?;
-    let rig_overrides = overrides(arguments, &input)?;
+    full_disk::explained(reconstruct(arguments, &input))
+}
+
+fn reconstruct(arguments: &Arguments, input: &Input) -> Result<ExitCode> {
+    let place = |stage: &Option<String>| stage_number(stage.as_deref()?);
+    let rig_is_fixed = place(&arguments.from).is_some_and(|from| from > 0);
+    let rig_overrides = overrides(arguments, input)?;
     let there = Scene::open(&arguments.out).ok();
     let there = there.as_ref().map(|scene| &scene.manifest().provenance);
     let kept = there.filter(|_| rig_is_fixed).map(|made| made.rig.clone());
-    let seal = seal(&input, there);
+    let seal = seal(input, there);
     let provenance = Provenance {
         session_id: input.handoff().session_id.clone(),
         handoff_blake3: seal.clone(),
         judgement: Some(input.judgement()),
-        rig: kept.unwrap_or_else(|| rig::revision(&input, &rig_overrides)),
+        rig: kept.unwrap_or_else(|| rig::revision(input, &rig_overrides)),
         program: env!("CARGO_BIN_NAME").to_owned(),
         program_version: env!("CARGO_PKG_VERSION").to_owned(),
         started_civil_ns: machine::civil_ns(),
         ended_civil_ns: None,
     };
     let sources = Sources {
-        source: &input,
+        source: input,
         hashes: BTreeMap::from([(stages::HANDOFF.to_owned(), seal)]),
     };
     let options = Options {
@@ -167,7 +175,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode> {
         folder: bundle.path(),
     };
     if place(&arguments.to).is_none_or(|to| stages::NAMES[..=to].contains(&"depth")) {
-        keep_frames(&input, &bundle.path());
+        keep_frames(input, &bundle.path());
     }
     let outcomes = pipeline.run(&sources, &bundle, &selection, &observer, &machine::METER);
     observer.bar.finish_and_clear();
@@ -176,7 +184,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode> {
     let is_new = outcomes.iter().any(|o| o.state == State::Ran);
     if is_new || !bundle.path().join(camera_images::FILE).exists() {
         // They are not part of the bundle, which is valid without them.
-        if let Err(error) = camera_images::write(&bundle.path(), &input) {
+        if let Err(error) = camera_images::write(&bundle.path(), input) {
             log::warn!(
                 "writing images of the cameras: {error}: {}",
                 arguments.out.display()
@@ -188,14 +196,14 @@ pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode> {
     let losses: usize = outcomes.iter().map(|o| o.report.losses.len()).sum();
     if !arguments.json {
         let made = outcomes.iter().filter(|o| o.state == State::Ran).count();
-        let loss = loss(losses, &input);
+        let loss = loss(losses, input);
         print(format_args!(
             "{made} stages run, {} up to date, {loss}: {}",
             outcomes.len() - made,
             arguments.out.display()
         ))?;
     }
-    Ok(code(losses, &input))
+    Ok(code(losses, input))
 }
 
 /// Most bytes of decoded frames that stages keep for later ones: 2800 frames of 2 x 672x376.

@@ -4,8 +4,10 @@
 mod command;
 mod evaluate;
 mod frame_set_reader;
+mod full_disk;
 mod ground;
 mod hostile;
+mod incomplete_walks;
 mod judged;
 mod read_back;
 mod refuse;

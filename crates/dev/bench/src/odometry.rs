@@ -37,7 +37,7 @@ mod options;
 mod plain;
 mod real;
 pub(crate) mod results;
-mod run;
+pub(crate) mod run;
 pub(crate) mod scale;
 mod settings;
 mod stereo_deviation;

@@ -248,7 +248,7 @@ pub fn report(work: &Findings, eyes: EyeCounts, seen: u64, done: u64) {
     if seen == 0 {
         work.record_loss(format!(
             "none of {done} frames shows a tag of a shoe: check numbers, size and family of \
-             [[shoe_tag]] in the rig file"
+             [[shoe_tag]] in the rig file, and whether an eye is covered"
         ));
     }
 }
