@@ -9,8 +9,11 @@
 
 use std::collections::BTreeSet;
 
+use ::feet::causal::causal_poses;
 use ::feet::events::{Contact, Event, FootStances, RigHeights, contacts};
-use ::feet::observation::{TagPose, foot_candidates, foot_observations};
+use ::feet::observation::{
+    FootCandidates, TagPose, causal_observations, foot_candidates, foot_observations,
+};
 use ::feet::shoe::Side;
 use ::feet::stance::{FootObservation, Stance, stances};
 use ::feet::swing_habit::SwingHabit;
@@ -51,7 +54,7 @@ impl Stage<Input> for FeetStage {
     }
 
     fn version(&self) -> u32 {
-        1
+        2
     }
 
     fn inputs(&self) -> &'static [&'static str] {
@@ -86,28 +89,38 @@ impl Stage<Input> for FeetStage {
         let reader = work.read(TERRAIN)?;
         let terrain = outputs::terrain::read(&reader)?;
         let ground = outputs::terrain::read_mesh(&reader, MeshDetail::Dense, &terrain)?;
-        let (contacts, poses) = feet(&rig, &trajectory, &detections, &ground, work.findings());
+        let feet = feet(&rig, &trajectory, &detections, &ground, work.findings());
         let mut rows: Vec<FootContact> = Vec::new();
-        for (foot, contacts) in Foot::ALL.into_iter().zip(&contacts) {
+        for (foot, contacts) in Foot::ALL.into_iter().zip(&feet.contacts) {
             rows.extend(contacts.iter().map(|own| foot_contact(foot, own)));
         }
         rows.sort_by_key(|row| (row.events[0].time_ns, row.foot));
-        outputs::feet::write(work.draft(FEET), &poses)?;
+        outputs::feet::write(work.draft(FEET), &feet.poses, &feet.causal)?;
         let views = views(work, &rig, &trajectory, &rows)?;
         outputs::contacts::write(work.draft(CONTACTS), &rows, &views)?;
         Ok(())
     }
 }
 
-/// Contacts of the left and the right foot, and poses of both at those of the trajectory, by foot.
-/// `ground` is the mesh of depth alone.
+/// What is known of the feet.
+#[derive(Clone, Debug, Default)]
+pub struct Feet {
+    /// Of the left and the right foot.
+    pub contacts: [Vec<Contact>; 2],
+    /// Of both at the times of the trajectory, by foot, from all frames.
+    pub poses: Vec<FootPose>,
+    /// The same, each from the frames until then.
+    pub causal: Vec<FootPose>,
+}
+
+/// Contacts and poses of both feet. `ground` is the mesh of depth alone.
 pub fn feet(
     rig: &RigModel,
     trajectory: &Trajectory,
     detections: &[TagDetection],
     ground: &TerrainMesh,
     work: &Findings,
-) -> ([Vec<Contact>; 2], Vec<FootPose>) {
+) -> Feet {
     let mut rig = rig.clone();
     let config = GaitConfig::default();
     let soles = Foot::ALL.map(|foot| edges(&rig, foot));
@@ -118,6 +131,7 @@ pub fn feet(
     let Gait { observed, contacts } = gait;
     let times: Vec<i64> = trajectory.poses().iter().map(|pose| pose.time_ns).collect();
     let mut poses = Vec::with_capacity(2 * times.len());
+    let mut causal = Vec::with_capacity(2 * times.len());
     if observed.iter().any(|own| !own.is_empty()) {
         let known = [0, 1].map(|k: usize| FootContacts {
             side: match Foot::ALL[k] {
@@ -132,13 +146,22 @@ pub fn feet(
         for (foot, known) in Foot::ALL.into_iter().zip(&known) {
             let found = foot_poses(known, &habit, &times, &config.swing);
             let rigs = trajectory.poses().iter();
-            poses.extend(rigs.zip(found).map(|(rig, own)| foot_pose(foot, rig, &own)));
+            let of_rig = |(rig, own): (&Pose, track::FootPose)| foot_pose(foot, rig, &own);
+            poses.extend(rigs.clone().zip(found).map(of_rig));
+            let until_then = candidates(foot, &rig, trajectory, detections);
+            let until_then = causal_observations(until_then, &FootConfig::default());
+            let found = causal_poses(&until_then, &times, &config);
+            causal.extend(rigs.zip(found).map(of_rig));
         }
         report(work, &contacts, &poses);
     } else {
         work.note("no tag on a shoe was seen: there are no contacts and no poses of feet");
     }
-    (contacts, poses)
+    Feet {
+        contacts,
+        poses,
+        causal,
+    }
 }
 
 /// What the tags show of both feet.
@@ -150,7 +173,10 @@ struct Gait {
 impl Gait {
     fn new(rig: &RigModel, trajectory: &Trajectory, detections: &[TagDetection]) -> Self {
         let config = GaitConfig::default();
-        let observed = Foot::ALL.map(|foot| observations(foot, rig, trajectory, detections));
+        let observed = Foot::ALL.map(|foot| {
+            let candidates = candidates(foot, rig, trajectory, detections);
+            foot_observations(candidates, &FootConfig::default())
+        });
         let at_rest: [Vec<Stance>; 2] = observed.each_ref().map(|own| stances(own, &config.stance));
         let seen = [0, 1].map(|k: usize| FootStances {
             observations: &observed[k],
@@ -314,15 +340,16 @@ fn views(
 }
 
 /// Poses of a foot in the world by its tags, where the pose of the rig is known.
-fn observations(
+/// Poses of a foot in all frames that show a tag of it.
+fn candidates(
     foot: Foot,
     rig: &RigModel,
     trajectory: &Trajectory,
     detections: &[TagDetection],
-) -> Vec<FootObservation> {
+) -> Vec<FootCandidates> {
     let own = detections.iter().filter(|detection| detection.foot == foot);
     let config = FootConfig::default();
-    let candidates = own.filter_map(|detection| {
+    own.filter_map(|detection| {
         let mut tags = shoe(rig, foot)?.tags.iter();
         let tag = tags.find(|tag| u64::from(tag.id) == detection.tag)?;
         let world_from_rig = pose_at(trajectory, detection.time_ns)?;
@@ -334,8 +361,8 @@ fn observations(
         };
         let (time_ns, place) = (detection.time_ns, &tag.foot_from_tag);
         foot_candidates(time_ns, &world_from_rig, &seen, place, &config).ok()
-    });
-    foot_observations(candidates, &config)
+    })
+    .collect()
 }
 
 fn foot_pose(foot: Foot, rig: &Pose, pose: &track::FootPose) -> FootPose {

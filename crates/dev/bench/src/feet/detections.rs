@@ -39,6 +39,8 @@ pub(super) struct Row {
     sole_mm: [f64; 3],
     /// Mean squared error in stated sigmas, per dimension.
     nees: f64,
+    /// Median exposure, ms.
+    exposure_ms: f64,
     /// Median time per stereo frame: all frames, ms, and mean.
     pub(super) median_ms: f64,
     pub(super) mean_ms: f64,
@@ -47,7 +49,9 @@ pub(super) struct Row {
 /// Detections of a recording.
 pub(super) fn row(recording: &Recording) -> Result<Row> {
     let times: Vec<f64> = recording.frames.iter().map(|frame| frame.ms).collect();
+    let exposures = recording.frames.iter().map(|frame| frame.exposure_ms);
     let mut row = Row {
+        exposure_ms: percentile(exposures.collect(), 0.5),
         frames: recording.frames.len(),
         mean_ms: times.iter().sum::<f64>() / times.len().max(1) as f64,
         median_ms: percentile(times, 0.5),
@@ -66,24 +70,6 @@ pub(super) fn row(recording: &Recording) -> Result<Row> {
             let is_found = seen[foot].is_some();
             let age_s = 1e-9 * (frame.time_ns - last_seen_ns[foot]) as f64;
             if frame.visible[foot] == [1.0; 2] {
-                if std::env::var("DBG").is_ok() {
-                    let near = &recording.frames[if index > 0 { index - 1 } else { 1 }];
-                    let dt = 1e-9 * (frame.time_ns - near.time_ns) as f64;
-                    let v = (frame.rig_from_tag[foot].translation()
-                        - near.rig_from_tag[foot].translation())
-                        / dt;
-                    let err = seen[foot].map_or(f64::NAN, |own| {
-                        error(frame, own).fixed_rows::<3>(0).norm() * 1e3
-                    });
-                    println!(
-                        "DBG t {:.3} foot {foot} flat {is_flat} found {is_found} age {:.2} exposure {:.1} ms speed {:.2} blur {:.2} cells err {err:.1}",
-                        1e-9 * frame.time_ns as f64,
-                        age_s.min(9.0),
-                        frame.exposure_ms,
-                        v.norm(),
-                        v.norm() * frame.exposure_ms * 1e-3 / 0.0075
-                    );
-                }
                 row.visible += 1;
                 row.found += usize::from(is_found);
                 row.predicted += usize::from(age_s < PREDICTED_S);

@@ -98,50 +98,6 @@ pub(super) fn row(recording: &Recording) -> (Row, Errors) {
             if counts(&truth[at]) {
                 row.found += 1;
                 errors.contact(contact, &truth[at]);
-                if std::env::var("DBG").is_ok() {
-                    let t = &truth[at];
-                    let near: Vec<String> = observed[foot]
-                        .iter()
-                        .filter(|o| {
-                            (t.strike_s - 0.35..t.flat_s + 0.1).contains(&(1e-9 * o.time_ns as f64))
-                        })
-                        .map(|o| {
-                            let m = motion(&t.world_from_foot, &o.world_from_foot);
-                            let heel = t.world_from_foot.inverse() * o.world_from_foot;
-                            let heel = heel.apply([-0.13, 0.0, 0.0]);
-                            format!(
-                                "{:.0}:{:.0},{:.0},{:.2}~{:.2}",
-                                1e3 * (1e-9 * o.time_ns as f64 - t.strike_s),
-                                1e3 * (heel[0] + 0.13),
-                                1e3 * heel[2],
-                                -m[4],
-                                o.covariance.sigmas()[4]
-                            )
-                        })
-                        .collect();
-                    if at + 1 < truth.len() { let o = &recording.contacts[1 - foot]; if let Some(other) = o.iter().find(|o| o.strike_s > t.strike_s) { let n = &truth[at + 1]; let stride = n.strike_s - t.strike_s; let v = (n.world_from_foot.translation() - t.world_from_foot.translation()).norm() / stride; println!("DUTY {:.3} kirtley {:.3} v {v:.2} stride {stride:.2} est {:.0}", 0.5 + (t.toe_off_s - other.strike_s) / stride, 0.642 - 0.035 * v, 1e3 * (contact.toe_off.time_s - t.toe_off_s)); } }
-println!(
-                        "STR foot {foot} t {:.2} err {:.0} sigma {:.0} seen {} flat {:.0} first {:.0} | {}",
-                        t.strike_s,
-                        1e3 * (contact.heel_strike.time_s - t.strike_s),
-                        1e3 * contact.heel_strike.sigma_s,
-                        contact.heel_strike.is_seen,
-                        1e3 * (t.flat_s - t.strike_s),
-                        1e3 * (1e-9 * contact.stance.times_ns[0] as f64 - t.strike_s),
-                        near.join(" ")
-                    );
-                    { let toe = [0.15, 0.0, 0.0]; let near: Vec<String> = observed[foot].iter().filter(|o| (t.toe_off_s - 0.12..t.toe_off_s + 0.2).contains(&(1e-9 * o.time_ns as f64))).map(|o| { let f = recording.frames.iter().find(|f| f.time_ns == o.time_ns).unwrap(); let d = |w: &RigidTransform| { let a = nalgebra::Vector3::from(w.apply(toe)) - nalgebra::Vector3::from(t.world_from_foot.apply(toe)); 1e3 * a.norm() }; format!("{:.0}:{:.0}({:.0})", 1e3 * (1e-9 * o.time_ns as f64 - t.toe_off_s), d(&o.world_from_foot), d(&f.feet[foot].world_from_foot)) }).collect(); println!("TOF {foot} {:.2} {}", t.toe_off_s, near.join(" ")); }
-println!(
-                        "TOE foot {foot} t {:.2} err {:.0} sigma {:.0} seen {} last {:.0} heeloff {:.0} herr {:.0}",
-                        t.toe_off_s,
-                        1e3 * (contact.toe_off.time_s - t.toe_off_s),
-                        1e3 * contact.toe_off.sigma_s,
-                        contact.toe_off.is_seen,
-                        1e3 * (1e-9 * contact.stance.times_ns[1] as f64 - t.toe_off_s),
-                        1e3 * (t.heel_off_s - t.toe_off_s),
-                        1e3 * (contact.heel_off.time_s - t.heel_off_s)
-                    );
-                }
             }
         }
         for (pose, truth) in poses[foot].iter().zip(&recording.feet[foot]) {

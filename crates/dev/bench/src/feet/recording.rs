@@ -127,39 +127,6 @@ impl Recording {
             let found = tracker.add(&frame);
             truth.ms = thread_ms() - begin_ms;
             for seen in &found {
-                if std::env::var("DBG").is_ok() {
-                    let e = truth.rig_from_tag[seen.shoe].inverse() * seen.fit.reference_from_tag;
-                    let r = e.rotation_vector();
-                    let o = seen.fit.other.as_ref().map(|o| {
-                        let e = truth.rig_from_tag[seen.shoe].inverse() * o.reference_from_tag;
-                        (
-                            e.rotation_vector().map(|v| (v * 100.0).round() / 100.0),
-                            o.excess_cost.round(),
-                        )
-                    });
-                    println!(
-                        "TILT {:.3} foot {} err {:.2} {:.2} {:.2} sigma {:.3} {:.3} other {o:?} blur? vis {:?}",
-                        1e-9 * image.time_ns as f64,
-                        seen.shoe,
-                        r[0],
-                        r[1],
-                        r[2],
-                        seen.fit.covariance[(0, 0)].sqrt(),
-                        seen.fit.covariance[(1, 1)].sqrt(),
-                        image.visible[seen.shoe]
-                    );
-                    let e = e.translation().norm();
-                    println!(
-                        "COR {:.3} foot {} err {:.1} cor {:.3} bits {} share {:?} rms {:.1}",
-                        1e-9 * image.time_ns as f64,
-                        seen.shoe,
-                        1e3 * e,
-                        seen.fit.agreeing_share,
-                        seen.fit.wrong_bits,
-                        seen.fit.visible_share,
-                        seen.fit.rms_levels
-                    );
-                }
                 let own = sighting(recording.frames.len(), seen)?;
                 recording.sightings.push(own);
             }
