@@ -78,6 +78,9 @@ config! {
         /// Maximum cost of a rotation from frame to frame: feet may turn fast where none shows
         /// them.
         pub max_change_cost: f64 = 16.0,
+        /// Cost of the rotation between two frames up to which one between them, which costs the
+        /// maximum from both, is left out.
+        pub agreeing_change_cost: f64 = 4.0,
     }
 
     /// Placement of the tags on shoes, from the ground below the feet at rest.

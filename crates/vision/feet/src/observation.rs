@@ -109,7 +109,26 @@ pub fn foot_observations(
         next = k.checked_sub(1).map(|k| (*before, &costs[k][*before]));
     }
     found.reverse();
-    found
+    without_outliers(found, config)
+}
+
+/// Observations without those that are rotated against the ones before and after them, which agree
+/// with each other: fits of a tag that ended in a wrong pose.
+fn without_outliers(found: Vec<FootObservation>, config: &FootConfig) -> Vec<FootObservation> {
+    let is_outlier = |k: usize| {
+        let (Some(before), Some(after)) = (k.checked_sub(1).map(|k| &found[k]), found.get(k + 1))
+        else {
+            return false;
+        };
+        let cost = |a: &FootObservation, b: &FootObservation| change_cost(a, b, config);
+        let own = cost(before, &found[k]).min(cost(&found[k], after));
+        own >= config.max_change_cost && cost(before, after) < config.agreeing_change_cost
+    };
+    let is_sound: Vec<bool> = (0..found.len()).map(|k| !is_outlier(k)).collect();
+    let parts = found.into_iter().zip(is_sound);
+    parts
+        .filter_map(|(own, is_sound)| is_sound.then_some(own))
+        .collect()
 }
 
 /// The same by what frames show until then: each pose is the most probable one without later
@@ -152,7 +171,13 @@ fn costs(frames: &[FootCandidates], config: &FootConfig) -> Vec<Vec<(f64, usize)
             };
             let poses = before.poses.iter().zip(&costs[k - 1]).enumerate();
             let through = poses.map(|(n, (earlier, (cost, _)))| {
-                let change = change_cost((before, &earlier.0), (frame, &pose.0), config);
+                let [a, b] =
+                    [(before, &earlier.0), (frame, &pose.0)].map(|(own, pose)| FootObservation {
+                        time_ns: own.time_ns,
+                        world_from_foot: *pose,
+                        covariance: own.covariance,
+                    });
+                let change = change_cost(&a, &b, config);
                 (own + cost + change, n)
             });
             let least = through.min_by(|a, b| a.0.total_cmp(&b.0));
@@ -172,14 +197,12 @@ fn own_cost((pose, excess): &(RigidTransform, f64), config: &FootConfig) -> f64 
 }
 
 /// How improbable the rotation from a frame to the next one is.
-fn change_cost(
-    (a, from): (&FootCandidates, &RigidTransform),
-    (b, to): (&FootCandidates, &RigidTransform),
-    config: &FootConfig,
-) -> f64 {
+fn change_cost(a: &FootObservation, b: &FootObservation, config: &FootConfig) -> f64 {
     let seconds = 1e-9 * (b.time_ns - a.time_ns) as f64;
-    let turn = motion(from, to).fixed_rows::<3>(3).norm();
-    let sigma = |own: &FootCandidates| {
+    let turn = motion(&a.world_from_foot, &b.world_from_foot)
+        .fixed_rows::<3>(3)
+        .norm();
+    let sigma = |own: &FootObservation| {
         own.covariance.sigmas()[3..]
             .iter()
             .fold(0.0, |a: f64, b| a.max(*b))
@@ -237,6 +260,23 @@ mod tests {
             let [_, turn, _] = own.world_from_foot.rotation_vector();
             assert!((turn + 0.25).abs() < 1e-6, "{n}: {turn}");
         }
+    }
+
+    #[test]
+    fn a_frame_that_neighbors_contradict_is_left_out() {
+        let frames = (0..9).map(|n| {
+            let mut own = frame(n, 0.05, false);
+            if n == 4 {
+                own.poses = vec![(
+                    RigidTransform::from_rotation_vector([0.0, 0.8, 0.0], [0.0; 3]).unwrap(),
+                    0.0,
+                )];
+            }
+            own
+        });
+        let found = foot_observations(frames, &FootConfig::default());
+        assert_eq!(found.len(), 8);
+        assert!(found.iter().all(|own| own.time_ns != 4 * 33_333_333));
     }
 
     #[test]

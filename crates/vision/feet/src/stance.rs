@@ -106,19 +106,23 @@ pub fn stances(observations: &[FootObservation], config: &StanceConfig) -> Vec<S
     found
 }
 
-/// Runs of observations between which a foot hardly moves.
+/// Runs of observations between which a foot hardly moves, besides single ones that contradict
+/// those before and after them.
 fn runs_at_rest(observations: &[FootObservation], config: &StanceConfig) -> Vec<Range<usize>> {
     let mut runs = Vec::new();
-    let mut begin = 0;
+    let (mut begin, mut last) = (0, 0);
+    let agrees = |a: usize, b: usize| {
+        let next = observations.get(b);
+        next.is_some_and(|next| is_at_rest(&observations[a], next, config))
+    };
     for k in 1..=observations.len() {
-        let goes_on = observations
-            .get(k)
-            .is_some_and(|next| is_at_rest(&observations[k - 1], next, config));
-        if !goes_on {
-            if k - begin >= config.min_frames {
-                runs.push(begin..k);
+        if agrees(last, k) {
+            last = k;
+        } else if !agrees(last, k + 1) {
+            if last + 1 - begin >= config.min_frames {
+                runs.push(begin..last + 1);
             }
-            begin = k;
+            (begin, last) = (k, k);
         }
     }
     runs
@@ -180,20 +184,29 @@ fn without_drift(
 /// do.
 fn largest_step(run: &[FootObservation], config: &StanceConfig) -> Option<usize> {
     let reference = run.first()?.world_from_foot;
-    let zero = (Vector6::zeros(), [0.0; 2]);
-    let sums = run.iter().scan(zero, |(sum, squares), own| {
-        *sum += motion(&reference, &own.world_from_foot);
-        let sigmas = sigmas(own.covariance.matrix());
-        *squares = [0, 1].map(|k| squares[k] + sigmas[k] * sigmas[k]);
-        Some((*sum, *squares))
+    let zero = (Vector6::zeros(), [0.0; 2], 0.0);
+    let contradicts = |k: usize| {
+        let inside = k > 0 && k + 1 < run.len();
+        inside
+            && !is_at_rest(&run[k - 1], &run[k], config)
+            && !is_at_rest(&run[k], &run[k + 1], config)
+    };
+    let sums = (run.iter().enumerate()).scan(zero, |(sum, squares, count), (k, own)| {
+        if !contradicts(k) {
+            *sum += motion(&reference, &own.world_from_foot);
+            let sigmas = sigmas(own.covariance.matrix());
+            *squares = [0, 1].map(|k| squares[k] + sigmas[k] * sigmas[k]);
+            *count += 1.0;
+        }
+        Some((*sum, *squares, *count))
     });
-    let sums: Vec<(Vector6<f64>, [f64; 2])> = sums.collect();
-    let (all, all_squares) = sums.last()?;
+    let sums: Vec<(Vector6<f64>, [f64; 2], f64)> = sums.collect();
+    let (all, all_squares, all_count) = sums.last()?;
     let candidates = config.min_frames..(run.len() + 1).saturating_sub(config.min_frames);
     let mut largest = (1.0, None);
     for at in candidates {
-        let (sum, squares) = &sums[at - 1];
-        let [before, after] = [at as f64, (run.len() - at) as f64];
+        let (sum, squares, count) = &sums[at - 1];
+        let [before, after] = [*count, all_count - count];
         let [distance, angle] = sizes(&((all - sum) / after - sum / before));
         let [sigma_m, sigma_rad] = [0, 1].map(|k| {
             let of_after = (all_squares[k] - squares[k]) / (after * after);
