@@ -1,7 +1,7 @@
 //! `feet`: shoe tags, contacts and swings on simulated walks with two rigs.
 //!
 //! - [`walks`]: the walks, the rigs, and wearers with the gait of [`joint_gait`].
-//! - [`images`]: rendered images, kept if wanted; [`recording`]: the tags in them, and the truth.
+//! - [`images`]: rendered images, kept on request; [`recording`]: the tags in them, and the truth.
 //! - [`detections`]: sightings of shoe tags against the truth.
 //! - [`gait`]: contacts, their times, and hidden swings, from these sightings and true poses of the
 //!   rig.

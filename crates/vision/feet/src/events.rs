@@ -14,6 +14,7 @@ use crate::contact::seconds;
 pub use crate::contact::{Contact, Event, FootStances};
 use crate::stance::Stance;
 
+mod distance;
 mod lift;
 mod strike;
 mod times;

@@ -4,8 +4,8 @@
 //! foot is fitted where the foot is predicted, in both eyes, with its motion; where it is not, it
 //! is searched near there, and after a while in the whole image: as a quadrilateral, and, where the
 //! motion of the rig blurs a tag at rest, by the pattern of such a tag. What a frame does not show
-//! gives no detection. Detections depend on earlier frames through the prediction only: their poses are
-//! those of the images.
+//! gives no detection. Detections depend on earlier frames through the prediction only: their poses
+//! are those of the images.
 
 use cad_transforms::RigidTransform;
 use camera_models::Lens;
@@ -256,8 +256,8 @@ impl TagTracker {
         .collect()
     }
 
-    /// Heights at which a foot may be at rest: its last one, that of another foot, and as far beyond
-    /// that.
+    /// Heights at which a foot may be at rest: its last one, that of another foot, and as far
+    /// beyond that.
     fn heights(&self, shoe: usize) -> Vec<f64> {
         let height = |foot: &FootMotion| foot.last_pose().translation().z;
         let Some(own) = self.feet[shoe].as_ref().map(height) else {

@@ -36,8 +36,8 @@ config! {
         pub min_share: f64 = 0.5,
         /// Maximum number of wrong bits of a tag of known identity.
         pub max_wrong_bits: u32 = 5,
-        /// Minimum share of the cells that agree with the code: of a tag that is sharp, of which the
-        /// others are covered, and of one that motion blurs, whose bits contradict hardly anything.
+        /// Minimum share of the cells that agree with the code: of a sharp tag, of which the others
+        /// are covered, and of one that motion blurs, whose bits contradict hardly anything.
         pub min_agreeing_share: [f64; 2] = [0.45, 0.75],
         /// Motion during the exposure from which on a tag counts as blurred, cells.
         pub blurred_cells: f64 = 0.7,

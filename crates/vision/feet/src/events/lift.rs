@@ -12,11 +12,12 @@
 
 use nalgebra::Vector3;
 
+use super::distance::distance;
 use super::strike::Strike;
 use super::times::{Habit, Row, STEP_S, fit, log_normal, moments, typical, weights, without_prior};
 use crate::config::EventConfig;
 use crate::contact::{Event, FootStances, seconds};
-use crate::poses::{distance, motion};
+use crate::poses::motion;
 use crate::stance::Stance;
 
 /// Error of a place of the toe besides that of the pose, m, and of a pitch, rad: soles bend.

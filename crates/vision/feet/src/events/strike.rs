@@ -7,12 +7,13 @@
 
 use nalgebra::Vector3;
 
+use super::distance::distance;
 use super::times::{
     Habit, Motion, Row, STEP_S, fit, log_normal, moments, typical, weights, without_prior,
 };
 use crate::config::EventConfig;
 use crate::contact::{Event, FootStances, seconds};
-use crate::poses::{distance, motion};
+use crate::poses::motion;
 use crate::stance::Stance;
 
 /// Error of a distance of the heel besides that of the pose, m, and of a pitch, rad: shoes bend and
