@@ -61,6 +61,11 @@ impl Blur {
         [0, 1].map(|k| sigmas * self.sigma[k] + 0.5 * self.motion[k].abs())
     }
 
+    /// Motion during the exposure, cells.
+    pub(crate) fn motion_cells(&self) -> f64 {
+        libm::hypot(self.motion[0], self.motion[1])
+    }
+
     /// Share of a cell in the pattern at its middle.
     pub(crate) fn own_share(&self) -> f64 {
         let root = std::f64::consts::FRAC_1_SQRT_2;

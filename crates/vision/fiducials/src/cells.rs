@@ -14,8 +14,8 @@ const HIDDEN: f64 = 0.4;
 const WRONG: f64 = 0.5;
 
 /// Minimum share of a cell in the pattern at its middle by which deviations are scaled: where
-/// cells are blurred into each other, a deviation of all of them is noise. What hides a tag hides
-/// several of them.
+/// cells are blurred into each other, a deviation of all of them is noise. The second one is for
+/// what hides cells that motion blurs, which is several of them.
 const MIN_SHARE: f64 = 0.4;
 const MIN_HIDDEN_SHARE: f64 = 0.7;
 
@@ -25,20 +25,21 @@ pub(crate) struct Cells {
     /// Row by row with margins, relative to a cell of the other color that is not blurred; `None`
     /// outside the image.
     deviations: Vec<Option<f64>>,
-    /// Share of a cell in the pattern at its middle.
-    own_share: f64,
+    /// Share of a cell in the pattern at its middle, and whether that is by motion.
+    own_share: (f64, bool),
 }
 
 impl Cells {
     /// Compares all pixels of a window; `light` is the pattern at a place of the plane, and
-    /// `own_share` what a cell contributes to it at its middle.
+    /// `own_share` what a cell contributes to it at its middle, and whether motion blurs
+    /// it.
     pub(crate) fn new(
         window: &Window<'_>,
         tag: &Tag,
         pose: &RigidTransform,
         motion: &Motion,
         (levels, tone): (&Levels, &Tone),
-        (light, own_share): (impl Fn(&PlanePoint) -> f64, f64),
+        (light, own_share): (impl Fn(&PlanePoint) -> f64, (f64, bool)),
     ) -> Self {
         let count = tag.cells() * tag.cells();
         let mut sums = vec![[0.0; 2]; count];
@@ -69,14 +70,20 @@ impl Cells {
 
     /// Cells that something hides.
     pub(crate) fn is_hidden(&self) -> Vec<bool> {
-        let least = HIDDEN * self.own_share.max(MIN_HIDDEN_SHARE);
+        let (own_share, is_moving) = self.own_share;
+        let least_share = if is_moving {
+            MIN_HIDDEN_SHARE
+        } else {
+            MIN_SHARE
+        };
+        let least = HIDDEN * own_share.max(least_share);
         let hidden = |d: &Option<f64>| d.is_none_or(|d| d.abs() > least);
         self.deviations.iter().map(hidden).collect()
     }
 
     /// Share of cells that agree with the code, relative to what blur leaves of them.
     pub(crate) fn agreeing_share(&self) -> f64 {
-        let least = HIDDEN * self.own_share.max(MIN_SHARE);
+        let least = HIDDEN * self.own_share.0.max(MIN_SHARE);
         let agreeing = self.deviations.iter().flatten();
         let agreeing = agreeing.filter(|d| d.abs() < least).count();
         agreeing as f64 / self.deviations.len() as f64
@@ -101,7 +108,7 @@ impl Cells {
         let wrong = cells.filter(|&(row, column)| {
             let towards = if tag.is_white(row, column) { -1.0 } else { 1.0 };
             let deviation = self.deviations[row * tag.cells() + column];
-            let least = WRONG * self.own_share.max(MIN_SHARE);
+            let least = WRONG * self.own_share.0.max(MIN_SHARE);
             deviation.is_none_or(|deviation| towards * deviation > least)
         });
         wrong.count() as u32

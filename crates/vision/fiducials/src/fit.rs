@@ -299,7 +299,8 @@ impl<'a> Fitter<'a> {
             let window = self.windows.iter().find(|own| own.eye == eye)?;
             let tone = levels.tone(state.tone);
             let light = |point: &PlanePoint| own.pattern(tag, point.at, state.log_blur).value;
-            let light = (light, own.blur.own_share());
+            let is_moving = own.blur.motion_cells() > self.config.blurred_cells;
+            let light = (light, (own.blur.own_share(), is_moving));
             let cells = Cells::new(window, tag, pose, motion, (levels, &tone), light);
             visible_share[eye] = cells.visible_share();
             wrong_bits = wrong_bits.min(cells.wrong_bits(tag));

@@ -329,8 +329,7 @@ impl<'a> Problem<'a> {
             let [x, y] = own.template.blur().reach_cells(growth);
             (x * y).sqrt() * self.tag.cell_m()
         });
-        let motions =
-            (self.patches.iter()).map(|own| libm::hypot(own.blur.motion[0], own.blur.motion[1]));
+        let motions = self.patches.iter().map(|own| own.blur.motion_cells());
         Linearization {
             motion_cells: motions.fold(f64::INFINITY, f64::min),
             hessian,
