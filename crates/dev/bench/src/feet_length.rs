@@ -1,8 +1,8 @@
 //! `feet_length`: cost of the stages `tags`, `terrain`, `feet` and `maps` against the length of a
 //! walk.
 //!
-//! Rounds of a simulated plaza with the feet camera alone, so that the surface is complete after the
-//! first round and what grows after it is not the map. Two sources:
+//! Rounds of a simulated plaza with the feet camera alone, so that the surface is complete after
+//! the first round and what grows after it is not the map. Two sources:
 //!
 //! - `images`: sessions of 2 and 10 minutes, 672x376 per eye at 7.5 Hz, rendered with reduced
 //!   quality. Poses are true; keyframes, depth, cloud and masks are those of their stages with the
@@ -17,14 +17,13 @@
 //! `tags` and `terrain` read frame by frame: their processor time and memory are those of each
 //! minute of one run, and growth is the ratio of the medians of the last and the first third of the
 //! minutes without the first ones, in which the map is built. `feet` and `maps` read the whole walk
-//! in one step. Their cost in a third is the difference of the costs of two walks, one of which ends
-//! where the third begins and the other where it ends; all of them use the terrain of the longest.
+//! in one step. Their cost in a third is the difference of the costs of two walks, one of which
+//! ends where the third begins and the other where it ends; all use the terrain of the longest.
 
 use std::fs;
 use std::path::Path;
 
 use anyhow::{Context, Result, bail, ensure};
-use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
 mod charts;
@@ -33,6 +32,7 @@ mod growth;
 mod images;
 mod map_size;
 mod plain;
+mod runs;
 mod stage_run;
 mod walk;
 
@@ -41,12 +41,11 @@ use scene_bundle::outputs::TERRAIN;
 use crate::arguments::Arguments;
 use crate::odometry::results::write;
 use crate::stamp;
+use growth::MAX_GROWTH;
 use map_size::MapSize;
-use stage_run::StageCost;
+use runs::{IMAGES, PLAIN, Run};
 use walk::Walk;
 
-/// Stages that are measured, in their order.
-const STAGES: [&str; 4] = ["tags", "terrain", "feet", "maps"];
 /// Lengths of plain data, minutes: the last three are thirds of the longest.
 const PLAIN_MINUTES: [u32; 4] = [10, 20, 40, 60];
 const QUICK_PLAIN_MINUTES: [u32; 3] = [1, 2, 3];
@@ -55,27 +54,6 @@ const IMAGE_MINUTES: [u32; 2] = [2, 10];
 /// Runs of stages that read a walk in one step.
 const REPEATS: usize = 3;
 const FILE: &str = "feet_length.json";
-const PLAIN: &str = "plain data";
-const IMAGES: &str = "images";
-/// Maximum ratio of the costs of a minute in the last and in the first third.
-const MAX_GROWTH: f64 = 1.10;
-
-/// Costs of a walk of some length.
-#[derive(Clone, Debug, Serialize, Deserialize)]
-struct Run {
-    source: String,
-    minutes: u32,
-    keyframes: usize,
-    detections: usize,
-    stages: Vec<StageCost>,
-    map: MapSize,
-}
-
-impl Run {
-    fn stage(&self, name: &str) -> Option<&StageCost> {
-        self.stages.iter().find(|own| own.stage == name)
-    }
-}
 
 /// Runs the benchmark: `[--quick] [--only plain|images] [--out DIR]`.
 ///
@@ -211,32 +189,8 @@ fn plain_runs(lengths: &[u32], repeats: usize, disk: &Path) -> Result<Vec<Run>> 
             stages,
             map: MapSize::of(whole, &bundle.path)?,
         };
-        print(&run);
+        run.print();
         runs.push(run);
     }
     Ok(runs)
-}
-
-fn print(run: &Run) {
-    let stages = run.stages.iter().map(|own| {
-        let StageCost {
-            stage,
-            cpu_s,
-            wall_s,
-            peak_mb,
-            ..
-        } = own;
-        format!("{stage} {cpu_s:.2} s CPU, {wall_s:.2} s, {peak_mb:.0} MB")
-    });
-    println!(
-        "{} min of {}: {} keyframes, {} detections; {}; map {:.0} m2, {} blocks, {:.0} MB",
-        run.minutes,
-        run.source,
-        run.keyframes,
-        run.detections,
-        stages.collect::<Vec<_>>().join("; "),
-        run.map.area_m2,
-        run.map.blocks,
-        run.map.blocks_mb
-    );
 }

@@ -2,8 +2,8 @@
 
 use charts::{Axis, Chart, Series};
 
-use super::stage_run::Minute;
-use super::{IMAGES, PLAIN, Run, StageCost};
+use super::runs::{IMAGES, PLAIN, Run};
+use super::stage_run::{Minute, StageCost};
 
 /// Names and texts of all charts.
 pub(super) fn draw(runs: &[Run], stamp: &str) -> Vec<(String, String)> {

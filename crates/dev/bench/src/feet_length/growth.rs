@@ -2,10 +2,12 @@
 
 use serde::Serialize;
 
+use super::runs::{IMAGES, PLAIN, Run};
 use super::stage_run::{Minute, StageCost};
-use super::{IMAGES, MAX_GROWTH, PLAIN, Run};
 use crate::meter::median;
 
+/// Maximum ratio of the costs of a minute in the last and in the first third.
+pub(super) const MAX_GROWTH: f64 = 1.10;
 /// First minutes that are not compared: the map is built in them.
 const WARMUP_MINUTES: usize = 2;
 

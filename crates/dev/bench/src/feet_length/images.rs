@@ -8,12 +8,14 @@ use scene_bundle::outputs::{self, KEYFRAMES, TAG_DETECTIONS};
 
 use super::map_size::MapSize;
 use super::plain::new_bundle;
+use super::runs::{IMAGES, Run};
 use super::walk::Walk;
-use super::{IMAGES, Run, STAGES, print, stage_run, walk};
+use super::{stage_run, walk};
 
 /// Columns and rows of one eye.
 const SIZE: [u32; 2] = [672, 376];
 const RATE_HZ: f64 = 7.5;
+const STAGES: [&str; 4] = ["tags", "terrain", "feet", "maps"];
 
 /// Renders a walk of some minutes, and measures the stages on it.
 ///
@@ -37,6 +39,6 @@ pub(super) fn run(minutes: u32, disk: &Path) -> Result<Run> {
         stages,
         map: MapSize::of(&path, &path)?,
     };
-    print(&run);
+    run.print();
     Ok(run)
 }
