@@ -2,7 +2,8 @@
 //!
 //! Contract: a place is visible in a keyframe if half of the sole's outline projects into the depth
 //! view and is not hidden by what the depth map shows in front of it. While the foot bears on the
-//! ground, it hides its place. Places without depth are not visible.
+//! ground, it hides its place. Places without depth are not visible. Keyframes long before or after
+//! the contact do not count.
 
 use std::collections::BTreeMap;
 
@@ -26,6 +27,10 @@ config! {
         pub min_share: f64 = 0.5,
         /// Maximum distance from the camera, m: a sole of 0.3 m is 20 px long there.
         pub max_distance_m: f64 = 8.0,
+        /// Maximum time before the heel strike and after toe off, s: places that are passed
+        /// repeatedly have views of that passage, so that the number of views grows with the
+        /// length of the walk and not with its square.
+        pub max_gap_s: f64 = 60.0,
         /// Sigmas by which a depth may be less than that of the sole.
         pub sigmas: f64 = 3.0,
         /// One standard deviation of the place of a sole beside that of depth, m.
@@ -54,23 +59,12 @@ pub(super) fn contact_views(
     let config = ContactViewConfig::default();
     let sole = |contact: &FootContact| sole(contact, &outlines[contact.foot as usize], &config);
     let soles: Vec<Vec<[f64; 3]>> = contacts.iter().map(sole).collect();
-    // By their place, so that a frame does not test all contacts of a long walk.
-    let cell_of = |[x, y, _]: [f64; 3]| [x, y].map(|v| (v / config.max_distance_m).floor() as i64);
-    let mut cells: BTreeMap<[i64; 2], Vec<usize>> = BTreeMap::new();
-    for (number, sole) in soles.iter().enumerate() {
-        cells.entry(cell_of(sole[0])).or_default().push(number);
-    }
+    let places = soles.iter().map(|sole| sole[0]);
+    let index = ContactIndex::new(contacts, places, &config);
     let of_frame = |frame: &DepthFrame| -> Result<Vec<ContactView>, BundleError> {
-        let [row, column] = cell_of(frame.world_from_view.translation_m());
-        let around = (-1..=1).flat_map(|i| (-1..=1).map(move |j| [row + i, column + j]));
-        let near = around.filter_map(|cell| cells.get(&cell)).flatten();
-        let time_ns = frame.key.time_ns;
-        let bears = |number: &usize| {
-            let [strike, .., toe_off] = contacts[*number].events.map(|event| event.time_ns);
-            (strike..=toe_off).contains(&time_ns)
-        };
-        let mut near = near.filter(|number| !bears(number)).peekable();
-        if near.peek().is_none() {
+        let position = frame.world_from_view.translation_m();
+        let near = index.near(position, frame.key.time_ns);
+        if near.is_empty() {
             return Ok(Vec::new());
         }
         let place = Place {
@@ -80,12 +74,80 @@ pub(super) fn contact_views(
             image: &read(keyframes.depth, keyframes.index, &frame.key)?,
         };
         let view = |number: &usize| place.view(*number as u64, &soles[*number], &config);
-        Ok(near.filter_map(view).collect())
+        Ok(near.iter().filter_map(view).collect())
     };
     let views = keyframes.frames.par_iter().map(of_frame);
     let mut views: Vec<ContactView> = views.collect::<Result<Vec<_>, _>>()?.concat();
     views.sort_by_key(|view| (view.contact, view.time_ns, view.camera));
     Ok(views)
+}
+
+/// Contacts by place and time, so that a frame does not test all contacts of a long walk.
+struct ContactIndex<'a> {
+    contacts: &'a [FootContact],
+    /// Numbers of contacts by cell, ascending.
+    cells: BTreeMap<[i64; 2], Vec<usize>>,
+    cell_m: f64,
+    gap_ns: i64,
+    /// Time of the longest contact, ns.
+    longest_ns: i64,
+}
+
+impl<'a> ContactIndex<'a> {
+    /// `contacts` are sorted by heel strike.
+    fn new(
+        contacts: &'a [FootContact],
+        places: impl Iterator<Item = [f64; 3]>,
+        config: &ContactViewConfig,
+    ) -> Self {
+        let mut index = Self {
+            contacts,
+            cells: BTreeMap::new(),
+            cell_m: config.max_distance_m,
+            gap_ns: (1e9 * config.max_gap_s) as i64,
+            longest_ns: 0,
+        };
+        for (number, place) in places.enumerate() {
+            index
+                .cells
+                .entry(index.cell(place))
+                .or_default()
+                .push(number);
+            let [strike_ns, toe_off_ns] = index.times(number);
+            index.longest_ns = index.longest_ns.max(toe_off_ns - strike_ns);
+        }
+        index
+    }
+
+    fn cell(&self, [x, y, _]: [f64; 3]) -> [i64; 2] {
+        [x, y].map(|v| (v / self.cell_m).floor() as i64)
+    }
+
+    /// Heel strike and toe off, ns.
+    fn times(&self, number: usize) -> [i64; 2] {
+        let [strike, .., toe_off] = self.contacts[number].events.map(|event| event.time_ns);
+        [strike, toe_off]
+    }
+
+    /// Contacts around a camera that do not bear at a time and are not long before or after it.
+    fn near(&self, position: [f64; 3], time_ns: i64) -> Vec<usize> {
+        let [row, column] = self.cell(position);
+        let around = (-1..=1).flat_map(|i| (-1..=1).map(move |j| [row + i, column + j]));
+        let cells = around.filter_map(|cell| self.cells.get(&cell));
+        let from_ns = time_ns - self.gap_ns;
+        let until_ns = time_ns + self.gap_ns;
+        let strike = |number: &usize| self.times(*number)[0];
+        let in_time = cells.flat_map(|numbers| {
+            let first = numbers.partition_point(|own| strike(own) < from_ns - self.longest_ns);
+            let end = numbers.partition_point(|own| strike(own) <= until_ns);
+            &numbers[first..end]
+        });
+        let is_used = |number: &usize| {
+            let [strike_ns, toe_off_ns] = self.times(*number);
+            toe_off_ns >= from_ns && !(strike_ns..=toe_off_ns).contains(&time_ns)
+        };
+        in_time.copied().filter(is_used).collect()
+    }
 }
 
 /// The middle of a sole and points of its outline, in the world.
@@ -163,7 +225,9 @@ impl Place<'_> {
 
 #[cfg(test)]
 mod tests {
+    use cad_transforms::Covariance;
     use cad_transforms::rig::Foot;
+    use scene_bundle::outputs::contacts::ContactEvent;
 
     use super::*;
     use crate::pipeline::stages::down_looking::{HEIGHT_M, SIZE, at, frame, rig, view};
@@ -216,6 +280,29 @@ mod tests {
         );
         let distance = (0.1_f32 * 0.1 + 0.2 * 0.2 + 1.2 * 1.2).sqrt();
         assert!((found.distance_m - distance).abs() < 1e-4, "{found:?}");
+    }
+
+    #[test]
+    fn places_that_are_passed_repeatedly_have_views_of_that_passage() {
+        let contact = |strike_s: i64| FootContact {
+            foot: Foot::Left,
+            events: [0, 0, 1, 1].map(|later| ContactEvent {
+                time_ns: (strike_s + later) * 1_000_000_000,
+                sigma_s: 0.02,
+                is_seen: true,
+            }),
+            world_from_foot: at(1.0, 0.0, 0.0),
+            covariance: Covariance::zero(),
+        };
+        let contacts = [0, 100, 130, 300].map(contact);
+        let config = ContactViewConfig::default();
+        let index = ContactIndex::new(&contacts, contacts.iter().map(|_| [1.0, 0.0, 0.0]), &config);
+        let near = |x: f64, s: f64| index.near([x, 0.0, 1.2], (1e9 * s) as i64);
+        assert_eq!(near(0.0, 90.0), [1, 2]);
+        assert_eq!(near(0.0, 61.0), [0, 1], "39 s before and 60 s after");
+        assert_eq!(near(0.0, 130.5), [1], "the foot hides its place");
+        assert_eq!(near(0.0, 200.0), [0; 0]);
+        assert_eq!(near(40.0, 90.0), [0; 0], "far away");
     }
 
     #[test]
