@@ -4,7 +4,7 @@
 //! - [`conditions`]: what the images differ in.
 //! - [`scene`], [`render`]: a tag on a shoe over ground, drawn at random; its images.
 //! - [`methods`], [`peers`]: ours and theirs.
-//! - [`scores`]: against ground truth.
+//! - [`scores`], [`measured`]: against ground truth.
 //! - [`photos`]: real photos, where the recordings are found.
 //!
 //! Detectors get the whole left image. The fit gets a prediction, as in the tracker: a pose that is
@@ -12,10 +12,10 @@
 
 use anyhow::Result;
 use rayon::prelude::*;
-use serde::Serialize;
 use serde_json::json;
 
 use self::conditions::{Condition, Resolution, USUAL, sweeps};
+use self::measured::{Measured, Point, Step};
 use self::render::Renderer;
 use self::scene::{Camera, Scene};
 use self::scores::{Score, score};
@@ -25,6 +25,7 @@ use crate::stamp;
 
 mod charts;
 mod conditions;
+mod measured;
 mod methods;
 mod peers;
 mod photos;
@@ -39,32 +40,6 @@ const FIRST_WITHOUT: u64 = 90_001;
 /// Images per condition, per condition at the higher resolution, and without a tag; of quick runs.
 const IMAGES: [u64; 3] = [60, 20, 60];
 const QUICK_IMAGES: [u64; 3] = [12, 6, 12];
-
-/// Scores under a condition.
-#[derive(Debug, Serialize)]
-struct Point {
-    condition: Condition,
-    scores: Vec<Score>,
-}
-
-/// The value of a sweep's variable, and the point of it.
-#[derive(Debug, Serialize)]
-struct Step {
-    variable: &'static str,
-    value: f64,
-    /// Index among the points.
-    point: usize,
-}
-
-/// What is measured on simulated images.
-#[derive(Debug, Default, Serialize)]
-struct Measured {
-    versions: Vec<String>,
-    points: Vec<Point>,
-    steps: Vec<Step>,
-    /// Images without a tag: all that is reported is wrong.
-    without_tag: Vec<Score>,
-}
 
 /// Runs the benchmark: `[--quick] [--out DIR]`.
 ///

@@ -41,8 +41,8 @@ fn main() -> Result<(), Box<dyn Error>> {
             let found = decoder.decode(image)?;
             decoder.clear();
             let ms = 1e3 * (cpu_s() - begin);
-            // Its corners: top right, bottom right, bottom left, top left of the image, whichever of the
-            // tag these are; pixel centers at halves.
+            // Its corners: top right, bottom right, bottom left, top left of the image; pixel
+            // centers at halves.
             let tags = found.iter().map(|tag| {
                 let corners = [2, 1, 0, 3].map(|k: usize| {
                     let corner = &tag.quad.corners[k];

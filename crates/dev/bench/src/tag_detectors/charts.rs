@@ -2,8 +2,8 @@
 
 use charts::{Axis, Chart, Series};
 
+use super::measured::{Measured, Step};
 use super::scores::Score;
-use super::{Measured, Step};
 
 const SIZE: [u32; 2] = [1200, 420];
 

@@ -7,7 +7,7 @@ use serde::Serialize;
 pub(super) struct Condition {
     /// Focal length times side of the tag by its distance along the optical axis, px.
     pub(super) size_px: f64,
-    /// Angle between the tag's normal and the line of sight, degrees.
+    /// Angle between the tag's normal and the ray to its middle, degrees.
     pub(super) tilt_deg: f64,
     /// Motion during the exposure, cells of the tag.
     pub(super) motion_cells: f64,

@@ -119,14 +119,14 @@ impl Scene {
             .unproject(pixel)
             .context("a pixel of the lens")?;
         let middle = Vector3::from(ray) * (distance / ray[2]);
-        let sight =
-            UnitQuaternion::rotation_between(&Vector3::z(), &middle).context("a line of sight")?;
+        let to_tag =
+            UnitQuaternion::rotation_between(&Vector3::z(), &middle).context("a ray to the tag")?;
         let about = draw.uniform(-PI, PI);
         let (sin, cos) = (libm::sin(about), libm::cos(about));
         let tilt = condition.tilt_deg.to_radians();
         let tilted = UnitQuaternion::from_scaled_axis(Vector3::new(cos, sin, 0.0) * tilt);
         let turned = UnitQuaternion::from_scaled_axis(Vector3::z() * draw.uniform(-PI, PI));
-        let rotation = sight * tilted * turned;
+        let rotation = to_tag * tilted * turned;
         let left_from_tag = transform(&rotation, &middle)?;
 
         let towards = draw.uniform(0.0, TAU);
