@@ -34,9 +34,10 @@ const IMAGES: &str = "target/feet";
 struct Options {
     quick: bool,
     keep: bool,
+    kept: bool,
     tuning: bool,
     only: Option<String>,
-    walk: Option<String>,
+    walks: Vec<String>,
     out: PathBuf,
 }
 
@@ -45,9 +46,10 @@ impl Options {
         let mut options = Self {
             quick: false,
             keep: false,
+            kept: false,
             tuning: false,
             only: None,
-            walk: None,
+            walks: Vec::new(),
             out: PathBuf::from("docs/benchmarks"),
         };
         let mut rest = args.iter();
@@ -55,6 +57,7 @@ impl Options {
             match argument.as_str() {
                 "--quick" => options.quick = true,
                 "--keep" => options.keep = true,
+                "--kept" => options.kept = true,
                 "--tuning" => options.tuning = true,
                 "--only" => {
                     let rigs = RIGS.map(|rig| rig.name).join(" or ");
@@ -62,11 +65,12 @@ impl Options {
                         Some(rest.next().context(format!("--only needs {rigs}"))?.clone());
                 }
                 "--walk" => {
-                    options.walk = Some(rest.next().context("--walk needs a walk's name")?.clone());
+                    let name = rest.next().context("--walk needs a walk's name")?;
+                    options.walks.push(name.clone());
                 }
                 "--out" => options.out = rest.next().context("--out needs a folder")?.into(),
                 other => bail!(
-                    "unknown argument {other:?}, expected --quick, --keep, --tuning, --only RIG, --walk \
+                    "unknown argument {other:?}, expected --quick, --keep, --kept, --tuning, --only RIG, --walk \
                      NAME or --out DIR"
                 ),
             }
@@ -75,10 +79,12 @@ impl Options {
     }
 }
 
-/// Runs the benchmark: `[--quick] [--keep] [--tuning] [--only RIG] [--walk NAME] [--out DIR]`.
+/// Runs the benchmark: `[--quick] [--keep] [--kept] [--tuning] [--only RIG] [--walk NAME]...
+/// [--out DIR]`.
 ///
-/// With `--keep` images are kept, and those of earlier runs are not rendered again. With `--tuning`
-/// it runs on the walks that the estimator is developed with, and writes nothing.
+/// With `--keep` images are kept, and those of earlier runs are not rendered again; with `--kept`
+/// walks of which none are kept are left out. With `--tuning` it runs on the walks that the
+/// estimator is developed with, and writes nothing.
 ///
 /// # Errors
 /// Bad arguments, or an I/O error.
@@ -89,14 +95,17 @@ pub(crate) fn run(args: &[String]) -> Result<()> {
         (false, true) => vec![WALKS[0], WALKS[10]],
         (false, false) => WALKS.to_vec(),
     };
-    if let Some(name) = &options.walk {
-        walks.retain(|walk| walk.name == name);
+    if !options.walks.is_empty() {
+        walks.retain(|walk| options.walks.iter().any(|name| walk.name == name));
     }
     let mut rows = Vec::new();
     for rig in &RIGS {
         if options.only.as_ref().is_none_or(|only| only == rig.name) {
-            let kept = options.keep.then_some(Path::new(IMAGES));
-            rows.extend(of_rig(rig, &walks, kept)?);
+            let folder = Path::new(IMAGES);
+            let is_wanted = |walk: &&Walk| !options.kept || images::are_kept(folder, rig, walk);
+            let walks: Vec<Walk> = walks.iter().filter(is_wanted).copied().collect();
+            let keeps = options.keep || options.kept;
+            rows.extend(of_rig(rig, &walks, keeps.then_some(folder))?);
         }
     }
     if options.tuning {

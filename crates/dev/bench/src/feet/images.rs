@@ -51,13 +51,23 @@ pub(super) fn for_each(
     let Some(folder) = kept else {
         return render(walk, simulation, camera, each);
     };
-    let name = walk.name.replace([' ', ','], "_");
-    let paths = ["json", "gray"].map(|end| folder.join(format!("{}-{name}.{end}", rig.name)));
-    if !paths.iter().all(|path| path.exists()) {
+    let paths = paths(folder, rig, walk);
+    if !are_kept(folder, rig, walk) {
         fs::create_dir_all(folder).with_context(|| format!("creating {}", folder.display()))?;
         keep(walk, simulation, camera, &paths)?;
     }
     read(rig.size, &paths, each)
+}
+
+/// Whether the images of a walk are in a folder.
+pub(super) fn are_kept(folder: &Path, rig: &FeetRig, walk: &Walk) -> bool {
+    paths(folder, rig, walk).iter().all(|path| path.exists())
+}
+
+/// Files of the frames of a walk and of their gray levels.
+fn paths(folder: &Path, rig: &FeetRig, walk: &Walk) -> [PathBuf; 2] {
+    let name = walk.name.replace([' ', ','], "_");
+    ["json", "gray"].map(|end| folder.join(format!("{}-{name}.{end}", rig.name)))
 }
 
 /// Renders all frames into files.
