@@ -13,6 +13,7 @@ mod depth;
 mod encode;
 mod feet;
 mod feet_camera;
+mod feet_faults;
 mod foreign;
 mod frame_sync;
 mod frames_kept;
@@ -76,6 +77,7 @@ const BENCHMARKS: &[(&str, Run)] = &[
     ("encode", encode::run),
     ("feet", feet::run),
     ("feet_camera", feet_camera::run),
+    ("feet_faults", feet_faults::run),
     ("foreign", foreign::run),
     ("frame_sync", frame_sync::run),
     ("frames_kept", frames_kept::run),
