@@ -29,7 +29,9 @@ fn name(outcome: Outcome) -> &'static str {
 
 /// A row per fault and walk, strengths from left to right.
 fn outcomes(points: &[Point], stamp: &str) -> Timeline {
-    let wrong = points.iter().filter(|p| p.outcome == Outcome::SilentlyWrong);
+    let wrong = points
+        .iter()
+        .filter(|p| p.outcome == Outcome::SilentlyWrong);
     let subtitle = format!(
         "contacts and poses of the feet; {} of {} points silently wrong, 0 is the target",
         wrong.count(),
@@ -85,31 +87,40 @@ fn note(sweep: &Sweep) -> String {
 /// Largest errors of contacts, also in sigmas.
 fn errors(points: &[Point]) -> Chart {
     let chart = Chart::new("Largest error of a contact's place, by outcome")
-        .subtitle("a point per fault, strength and walk; faults that are silently wrong are named once")
+        .subtitle(
+            "a point per fault, strength and walk; faults that are silently wrong are named once",
+        )
         .x_axis(Axis::log("error", "m"))
         .y_axis(Axis::log("error in stated sigmas", ""))
         .hline(3.0, "3 sigmas");
     let mut named: Vec<&str> = Vec::new();
     let slots = [2, 0, 1];
-    Outcome::ALL.into_iter().zip(slots).fold(chart, |chart, (outcome, slot)| {
-        let own = points.iter().filter(|p| p.outcome == outcome);
-        let own = own.filter(|p| p.feet.iter().any(|foot| foot.places.count > 0));
-        let own: Vec<&Point> = own.collect();
-        let most = |point: &Point, of: fn(&super::FootScores) -> f64| {
-            point.feet.iter().map(of).fold(1e-4, f64::max)
-        };
-        let places = own.iter().map(|point| {
-            let sigmas = most(point, |foot| foot.places.largest_sigmas);
-            (most(point, |foot| foot.places.largest), sigmas)
-        });
-        let labels = own.iter().map(|point| {
-            let is_new = outcome == Outcome::SilentlyWrong && !named.contains(&point.fault);
-            if is_new {
-                named.push(point.fault);
-            }
-            if is_new { point.fault } else { "" }
-        });
-        let labels: Vec<&str> = labels.collect();
-        chart.series(Series::scatter(name(outcome), places).slot(slot).labels(labels))
-    })
+    Outcome::ALL
+        .into_iter()
+        .zip(slots)
+        .fold(chart, |chart, (outcome, slot)| {
+            let own = points.iter().filter(|p| p.outcome == outcome);
+            let own = own.filter(|p| p.feet.iter().any(|foot| foot.places.count > 0));
+            let own: Vec<&Point> = own.collect();
+            let most = |point: &Point, of: fn(&super::FootScores) -> f64| {
+                point.feet.iter().map(of).fold(1e-4, f64::max)
+            };
+            let places = own.iter().map(|point| {
+                let sigmas = most(point, |foot| foot.places.largest_sigmas);
+                (most(point, |foot| foot.places.largest), sigmas)
+            });
+            let labels = own.iter().map(|point| {
+                let is_new = outcome == Outcome::SilentlyWrong && !named.contains(&point.fault);
+                if is_new {
+                    named.push(point.fault);
+                }
+                if is_new { point.fault } else { "" }
+            });
+            let labels: Vec<&str> = labels.collect();
+            chart.series(
+                Series::scatter(name(outcome), places)
+                    .slot(slot)
+                    .labels(labels),
+            )
+        })
 }

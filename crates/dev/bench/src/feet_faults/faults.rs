@@ -7,14 +7,14 @@ use super::inputs::Edit;
 use super::walks::{CAMERA, JOG, LONG_S, SHORT_S, STUMBLE, Walk};
 
 /// Begin and end of a fault of the camera, s from the beginning of the walk's part.
-const DURING_S: [f64; 2] = [3.0, 7.0];
+const DURING_S: [f64; 2] = [2.5, 5.0];
 /// A jump, likewise.
-const JUMP_S: f64 = 3.0;
+const JUMP_S: f64 = 2.0;
 
 /// How a fault is injected.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Injection {
-    /// Images are rendered with it: a fault of the camera during four seconds.
+    /// Images are rendered with it: a fault of the camera during a part of the walk.
     Light(Kind),
     /// Images are rendered with it: a fault of the wearer, on this foot or on both, throughout.
     Wearer(Kind, Option<Side>),
@@ -24,7 +24,7 @@ pub(super) enum Injection {
     Exposure,
     /// A part of the walk with another gait.
     Gait(Walk),
-    /// The device delivers images of the walk without a fault with it during four seconds.
+    /// The device delivers images of the walk without a fault with it during a part of the walk.
     Device(Kind),
     /// An input of the stages is wrong.
     Input(Edit),
@@ -57,30 +57,30 @@ const LEFT: Option<Side> = Some(Side::Left);
 
 /// Faults, in the order of the charts.
 pub(super) const SWEEPS: [Sweep; 39] = [
-    sweep("exposure", "ms", Injection::Exposure, &[8.0, 16.0, 30.0]),
+    sweep("exposure", "ms", Injection::Exposure, &[8.0, 30.0]),
     sweep(
         "blur",
         "share of the width",
         Injection::Light(Kind::Blur),
-        &[0.002, 0.005, 0.02],
+        &[0.005, 0.02],
     ),
     sweep(
         "darkness",
         "stops",
         Injection::Light(Kind::Darkness),
-        &[3.0, 6.0, 10.0],
+        &[4.0, 10.0],
     ),
     sweep(
         "flash",
         "times the light",
         Injection::Light(Kind::Flash),
-        &[3.0, 100.0],
+        &[100.0],
     ),
     sweep(
         "covered lens",
         "share",
         Injection::Light(Kind::CoveredLens),
-        &[0.3, 0.6, 1.0],
+        &[0.4, 1.0],
     ),
     sweep(
         "dirty lens",
@@ -92,7 +92,7 @@ pub(super) const SWEEPS: [Sweep; 39] = [
         "camera shifted",
         "degrees",
         Injection::Light(Kind::ShiftedCamera),
-        &[0.3, 1.0, 3.0],
+        &[0.3, 2.0],
     ),
     sweep(
         "dropped frames",
@@ -117,19 +117,19 @@ pub(super) const SWEEPS: [Sweep; 39] = [
         "tag dirt",
         "share of cells",
         Injection::Wearer(Kind::TagDirt, None),
-        &[0.1, 0.25, 0.5],
+        &[0.15, 0.5],
     ),
     sweep(
         "tag covered",
         "share",
         Injection::Wearer(Kind::TagCovered, None),
-        &[0.15, 0.35, 0.6],
+        &[0.2, 0.4, 0.6],
     ),
     sweep(
         "trousers",
         "m",
         Injection::Wearer(Kind::Trousers, None),
-        &[0.06, 0.1, 0.2],
+        &[0.08, 0.2],
     ),
     sweep(
         "one tag lost",
@@ -159,14 +159,9 @@ pub(super) const SWEEPS: [Sweep; 39] = [
         "soft ground",
         "m",
         Injection::Wearer(Kind::SoftGround, None),
-        &[0.01, 0.025, 0.05],
+        &[0.01, 0.05],
     ),
-    sweep(
-        "jump",
-        "m",
-        Injection::Wearer(Kind::Jump, None),
-        &[0.1, 0.3],
-    ),
+    sweep("jump", "m", Injection::Wearer(Kind::Jump, None), &[0.3]),
     sweep("jog", "0 or 1", Injection::Gait(JOG), &[1.0]),
     sweep("stumble", "0 or 1", Injection::Gait(STUMBLE), &[1.0]),
     sweep(
@@ -273,6 +268,13 @@ pub(super) const SWEEPS: [Sweep; 39] = [
     ),
 ];
 
+impl Injection {
+    /// Whether images are rendered with it.
+    pub(super) fn is_rendered(self) -> bool {
+        !matches!(self, Self::Device(_) | Self::Input(_))
+    }
+}
+
 impl Sweep {
     /// Whether it can be injected into a walk.
     pub(super) fn applies_to(&self, walk: &Walk) -> bool {
@@ -312,7 +314,12 @@ impl Sweep {
                 vec![fault(kind, from_s, to_s, None)]
             }
             Injection::Wearer(Kind::Jump, _) => {
-                vec![fault(Kind::Jump, walk.begin_s + JUMP_S, f64::INFINITY, None)]
+                vec![fault(
+                    Kind::Jump,
+                    walk.begin_s + JUMP_S,
+                    f64::INFINITY,
+                    None,
+                )]
             }
             Injection::Wearer(kind, foot) => vec![fault(kind, 0.0, f64::INFINITY, foot)],
             Injection::Slip => {

@@ -26,7 +26,9 @@ pub(super) fn ground(walk: &Walk) -> Result<TerrainMesh> {
     let prepared = prepared.prepare()?;
     let rendered = keyframes(&prepared, &prepared.keyframes()?)?;
     let frames = depth_frames(&rendered, Source::Stereo)?;
-    Ok(terrain_mesh(surface(&frames, FusionConfig::default())?.mesh))
+    Ok(terrain_mesh(
+        surface(&frames, FusionConfig::default())?.mesh,
+    ))
 }
 
 /// No ground: what depends on it says nothing.

@@ -90,7 +90,8 @@ impl Inputs {
             Edit::SoleOutline => {
                 let [heel, toe] = [-0.13 - strength, 0.15 + strength];
                 for shoe in &mut edited.rig.shoes {
-                    shoe.outline_m = [[heel, -0.05], [toe, -0.05], [toe, 0.05], [heel, 0.05]].into();
+                    shoe.outline_m =
+                        [[heel, -0.05], [toe, -0.05], [toe, 0.05], [heel, 0.05]].into();
                 }
             }
             Edit::Clock => edited.time_offset_ns = (1e6 * strength).round() as i64,

@@ -92,7 +92,6 @@ impl FootScores {
         [&self.poses, &self.places, &self.heights, &self.events]
     }
 
-    /// Of both feet.
     fn plus(&self, other: &Self) -> Self {
         Self {
             poses: self.poses.plus(&other.poses),
@@ -123,10 +122,18 @@ impl FootScores {
 }
 
 /// The outcome of what is stated of both feet, beside the same walk without a fault.
-pub(super) fn outcome(own: &[FootScores; 2], clean: &[FootScores; 2], losses: &[String]) -> Outcome {
-    let usual = clean[0].plus(&clean[1]);
-    let is_silent = |foot: usize| own[foot].is_wrong(&usual) && !is_named(Foot::ALL[foot], losses);
-    if (0..2).any(is_silent) {
+pub(super) fn outcome(
+    own: &[FootScores; 2],
+    clean: &[FootScores; 2],
+    losses: &[String],
+) -> Outcome {
+    let unnamed = (0..2).filter(|foot| !is_named(Foot::ALL[*foot], losses));
+    let unnamed: Vec<usize> = unnamed.collect();
+    let sum = |of: &[FootScores; 2]| {
+        let feet = unnamed.iter().map(|foot| of[*foot]);
+        feet.fold(FootScores::default(), |sum, foot| sum.plus(&foot))
+    };
+    if sum(own).is_wrong(&sum(clean)) {
         Outcome::SilentlyWrong
     } else if !losses.is_empty() || (0..2).any(|foot| own[foot].is_less(&clean[foot])) {
         Outcome::Flagged
@@ -138,9 +145,9 @@ pub(super) fn outcome(own: &[FootScores; 2], clean: &[FootScores; 2], losses: &[
 /// Whether a loss names a foot, or what both have in common.
 fn is_named(foot: Foot, losses: &[String]) -> bool {
     let names = |loss: &&String, foot: Foot| loss.starts_with(foot.as_str());
-    losses.iter().any(|loss| {
-        names(&loss, foot) || !Foot::ALL.into_iter().any(|other| names(&loss, other))
-    })
+    losses
+        .iter()
+        .any(|loss| names(&loss, foot) || !Foot::ALL.into_iter().any(|other| names(&loss, other)))
 }
 
 /// Motion from a pose to another in the axes of the first: translation, rotation.

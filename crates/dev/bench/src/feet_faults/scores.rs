@@ -79,7 +79,10 @@ impl Truth<'_> {
             scores.lost += 1;
             return Ok(());
         };
-        let error = motion(&self.rig_from_foot(foot, pose.time_ns)?, &pose.rig_from_foot);
+        let error = motion(
+            &self.rig_from_foot(foot, pose.time_ns)?,
+            &pose.rig_from_foot,
+        );
         let sigmas = covariance.sigmas();
         let errors: Vec<(f64, f64)> = error.iter().copied().zip(sigmas).collect();
         scores.poses.add(&errors, error.fixed_rows::<3>(0).norm());
@@ -130,5 +133,7 @@ fn overlapping(falls: &[Footfall], contact: &Contact) -> Option<usize> {
     let overlap = |fall: &Footfall| to.min(fall.off_s) - from.max(fall.strike_s);
     let falls = falls.iter().enumerate();
     let largest = falls.max_by(|a, b| overlap(a.1).total_cmp(&overlap(b.1)));
-    largest.filter(|(_, fall)| overlap(fall) > 0.0).map(|(k, _)| k)
+    largest
+        .filter(|(_, fall)| overlap(fall) > 0.0)
+        .map(|(k, _)| k)
 }

@@ -11,7 +11,9 @@ fn faults_of_a_short_walk_are_not_silent() {
         ..WALKS[0]
     };
     let simulation = walk.simulation(&Faults::default(), None).unwrap();
-    let frames = walk.render(&simulation, &Faults::default(), SECONDS).unwrap();
+    let frames = walk
+        .render(&simulation, &Faults::default(), SECONDS)
+        .unwrap();
     let inputs = inputs(&walk, &simulation, frames, SECONDS).unwrap();
     let ground = ground::no_ground();
     let scored = |inputs: &Inputs| evaluate(&walk, &simulation, inputs, &ground, SECONDS).unwrap();

@@ -22,9 +22,15 @@ pub(super) const RATE_HZ: f64 = 15.0;
 pub(super) const SIZE: [u32; 2] = [672, 376];
 /// Exposure that the rig file recommends, s.
 const EXPOSURE_S: f64 = 0.004;
+/// Two samples of the exposure of a camera that moves as usual, and more of a long one.
+const QUALITY: Quality = Quality {
+    samples: 2,
+    max_samples: 8,
+    noise: true,
+};
 /// Length of what is rendered with a fault, and of what is rendered without one, s: a tag that
 /// slips is found from eight contacts before and after it on.
-pub(super) const SHORT_S: f64 = 10.0;
+pub(super) const SHORT_S: f64 = 7.0;
 pub(super) const LONG_S: f64 = 22.0;
 
 /// A part of a simulated walk. No other benchmark and no test of an estimator uses these seeds.
@@ -67,24 +73,11 @@ pub(super) const STUMBLE: Walk = Walk {
 };
 
 /// Walks without a fault beside the same references.
-pub(super) const OTHERS: [Walk; 4] = [
-    Walk {
-        seed: 711,
-        ..WALKS[0]
-    },
-    Walk {
-        seed: 712,
-        ..WALKS[0]
-    },
-    Walk {
-        seed: 713,
-        ..WALKS[1]
-    },
-    Walk {
-        seed: 714,
-        ..WALKS[1]
-    },
-];
+pub(super) const OTHERS: [Walk; 4] = [other(0, 711), other(0, 712), other(1, 713), other(1, 714)];
+
+const fn other(of: usize, seed: u64) -> Walk {
+    Walk { seed, ..WALKS[of] }
+}
 
 impl Walk {
     /// The simulation, with faults of the wearer and an exposure, s. Its motion does not depend on
@@ -105,7 +98,7 @@ impl Walk {
             rate_hz: RATE_HZ,
             width: SIZE[0],
             height: SIZE[1],
-            quality: Quality::ACCURATE,
+            quality: QUALITY,
         };
         let imaging = Imaging {
             exposure_s: Some(exposure_s.unwrap_or(EXPOSURE_S)),
@@ -135,10 +128,11 @@ impl Walk {
         length_s: f64,
     ) -> Result<Vec<Arc<StereoFrame>>> {
         let position = position(simulation)?;
-        let renderer = simulation.frames(position).with_faults(faults.of(CAMERA));
-        let mut renderer = renderer;
+        let mut renderer = simulation.frames(position).with_faults(faults.of(CAMERA));
         let numbers = self.numbers(length_s);
-        renderer.settle(simulation.settings().frame_ns(numbers.start));
+        if numbers.start > 0 {
+            renderer.settle(simulation.settings().frame_ns(numbers.start));
+        }
         let frame = |number| {
             let time_ns = simulation.settings().frame_ns(number);
             Arc::new(renderer.render_frame(number, time_ns))
