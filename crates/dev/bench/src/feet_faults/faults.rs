@@ -4,10 +4,10 @@ use rig_sim::faults::{Fault, Faults, Kind};
 use rig_sim::walker::Side;
 
 use super::inputs::Edit;
-use super::walks::{CAMERA, JOG, LONG_S, SHORT_S, STUMBLE, Walk};
+use super::walks::{CAMERA, JOG, SHORT_S, STUMBLE, Walk};
 
 /// Begin and end of a fault of the camera, s from the beginning of the walk's part.
-const DURING_S: [f64; 2] = [2.5, 5.0];
+const DURING_S: [f64; 2] = [2.0, 4.5];
 /// A jump, likewise.
 const JUMP_S: f64 = 2.0;
 
@@ -273,6 +273,11 @@ impl Injection {
     pub(super) fn is_rendered(self) -> bool {
         !matches!(self, Self::Device(_) | Self::Input(_))
     }
+
+    /// Whether the wearer's steps are those of the walk without a fault.
+    pub(super) fn is_same_walk(self) -> bool {
+        !matches!(self, Self::Gait(_) | Self::Wearer(Kind::Jump, _))
+    }
 }
 
 impl Sweep {
@@ -280,16 +285,17 @@ impl Sweep {
     pub(super) fn applies_to(&self, walk: &Walk) -> bool {
         match self.injection {
             // Jumps are on the spot, which is no place on a stair.
-            Injection::Wearer(Kind::Jump, _) => walk.name == "pavement",
+            Injection::Wearer(Kind::Jump, _) => walk.has_plane_ground,
+            Injection::Slip => walk.has_plane_ground,
             Injection::Gait(gait) => walk.name == gait.name,
             _ => true,
         }
     }
 
     /// Seconds of the walk that it is scored on.
-    pub(super) fn length_s(&self) -> f64 {
+    pub(super) fn length_s(&self, walk: &Walk) -> f64 {
         match self.injection {
-            Injection::Slip | Injection::Input(_) => LONG_S,
+            Injection::Slip | Injection::Input(_) => walk.long_s,
             _ => SHORT_S,
         }
     }
@@ -323,7 +329,7 @@ impl Sweep {
             }
             Injection::Wearer(kind, foot) => vec![fault(kind, 0.0, f64::INFINITY, foot)],
             Injection::Slip => {
-                let middle_s = walk.begin_s + 0.5 * LONG_S;
+                let middle_s = walk.begin_s + 0.5 * walk.long_s;
                 vec![fault(Kind::TagSlip, middle_s, f64::INFINITY, LEFT)]
             }
             Injection::Exposure | Injection::Gait(_) | Injection::Input(_) => Vec::new(),

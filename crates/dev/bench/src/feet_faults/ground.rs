@@ -6,21 +6,24 @@ use scene_bundle::outputs::terrain::TerrainMesh;
 use terrain::FusionConfig;
 use terrain::mesh::Mesh;
 
-use super::walks::{LONG_S, SIZE, Walk};
+use super::walks::{SIZE, Walk};
 use crate::terrain::keyframes::{Source, depth_frames, keyframes};
 use crate::terrain::surface::surface;
 use crate::terrain::walks;
 
-/// The mesh of depth alone, of all cameras of the example rig on the same walk, with true poses.
+/// The mesh of depth alone, where it is plane around the soles, of all cameras of the example rig on the same walk, with true poses.
 ///
 /// # Errors
 /// As of the benchmark `terrain`.
 pub(super) fn ground(walk: &Walk) -> Result<TerrainMesh> {
+    if !walk.has_plane_ground {
+        return Ok(terrain_mesh(Mesh::default()));
+    }
     let prepared = walks::Walk {
         kind: walk.scene,
         light: Lighting::Day,
         seed: walk.seed,
-        span_s: [walk.begin_s, walk.begin_s + LONG_S],
+        span_s: [walk.begin_s, walk.begin_s + walk.long_s],
         size: SIZE,
     };
     let prepared = prepared.prepare()?;
@@ -29,11 +32,6 @@ pub(super) fn ground(walk: &Walk) -> Result<TerrainMesh> {
     Ok(terrain_mesh(
         surface(&frames, FusionConfig::default())?.mesh,
     ))
-}
-
-/// No ground: what depends on it says nothing.
-pub(super) fn no_ground() -> TerrainMesh {
-    terrain_mesh(Mesh::default())
 }
 
 fn terrain_mesh(mesh: Mesh) -> TerrainMesh {

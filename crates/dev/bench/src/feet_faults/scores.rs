@@ -31,7 +31,7 @@ impl Truth<'_> {
     /// # Errors
     /// A pose that is not finite.
     pub(super) fn scores(&self, found: &Found, trajectory: &Trajectory) -> Result<[FootScores; 2]> {
-        let mut scores = [FootScores::default(); 2];
+        let mut scores = [FootScores::default(), FootScores::default()];
         for (foot, scores) in scores.iter_mut().enumerate() {
             for pose in &found.poses {
                 if pose.foot == Foot::ALL[foot] {
@@ -44,7 +44,7 @@ impl Truth<'_> {
                 match overlapping(falls, contact) {
                     Some(at) => {
                         taken[at] = true;
-                        self.add_contact(foot, contact, &falls[at], trajectory, scores)?;
+                        self.add_contact((foot, at), contact, &falls[at], trajectory, scores)?;
                     }
                     None => scores.invented += 1,
                 }
@@ -85,20 +85,25 @@ impl Truth<'_> {
         );
         let sigmas = covariance.sigmas();
         let errors: Vec<(f64, f64)> = error.iter().copied().zip(sigmas).collect();
-        scores.poses.add(&errors, error.fixed_rows::<3>(0).norm());
+        scores.poses.add(
+            (foot, pose.time_ns),
+            &errors,
+            error.fixed_rows::<3>(0).norm(),
+        );
         Ok(())
     }
 
     /// A contact at the tracked pose of the rig next to the middle of its frames.
     fn add_contact(
         &self,
-        foot: usize,
+        (foot, number): (usize, usize),
         contact: &Contact,
         fall: &Footfall,
         trajectory: &Trajectory,
         scores: &mut FootScores,
     ) -> Result<()> {
         let stance = &contact.stance;
+        let at = (foot, number as i64);
         let middle_ns = stance.times_ns[0].midpoint(stance.times_ns[1]);
         let tracked = trajectory.poses().iter();
         let tracked = tracked.filter(|pose| pose.status == Status::Tracked);
@@ -108,19 +113,25 @@ impl Truth<'_> {
             let error = motion(&self.rig_from_foot(foot, rig.time_ns)?, &rig_from_foot);
             let sigmas = stance.covariance.sigmas();
             let along = [0, 1].map(|k| (error[k], sigmas[k]));
-            scores.places.add(&along, error[0].hypot(error[1]));
-            scores.heights.add(&[(error[2], sigmas[2])], error[2].abs());
+            scores.places.add(at, &along, error[0].hypot(error[1]));
+            scores
+                .heights
+                .add(at, &[(error[2], sigmas[2])], error[2].abs());
         }
         let (flat_s, heel_off_s) = fall.flat_phase();
-        for (event, true_s) in [
+        let events = [
             (&contact.heel_strike, fall.strike_s),
             (&contact.foot_flat, flat_s),
             (&contact.heel_off, heel_off_s),
             (&contact.toe_off, fall.off_s),
-        ] {
+        ];
+        for (kind, ((event, true_s), scores)) in
+            (0..).zip(events.into_iter().zip(&mut scores.events))
+        {
             if self.counts(true_s) {
                 let error = event.time_s - true_s;
-                scores.events.add(&[(error, event.sigma_s)], error.abs());
+                let at = (foot, 4 * number as i64 + kind);
+                scores.add(at, &[(error, event.sigma_s)], error.abs());
             }
         }
         Ok(())
