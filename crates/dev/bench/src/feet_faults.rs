@@ -8,9 +8,9 @@
 //!   an event is more than 3 of its stated sigmas wrong and is not so on the same walk without the
 //!   fault, or more than 1.6 % of the poses are, or there are more contacts while a foot has none
 //!   than on that walk. A loss that names no foot, but tags or the camera, names both;
-//! - *flagged*: not silently wrong, and a loss is reported, or more contacts are missed or more than
-//!   1 % more poses lost than without a fault, or an error is within its sigmas but large: more than
-//!   10 cm of a contact, 25 cm of a pose, 0.2 s of an event, and more than without a fault;
+//! - *flagged*: not silently wrong, and a loss is reported, or more contacts are missed or more
+//!   than 1 % more poses lost than without a fault, or an error is within its sigmas but large: more
+//!   than 10 cm of a contact, 25 cm of a pose, 0.2 s of an event, and more than without a fault;
 //! - *ok*: neither.
 //!
 //! A pose counts if one of its six components is outside, which with right covariances happens for
@@ -22,8 +22,8 @@
 //!
 //! Errors are in the frame of the rig, so that errors of the trajectory do not count by themselves.
 //! Poses of the rig are true ones, unless the fault is one of them. The ground is that of stereo
-//! depth on the same walk ([`ground`]), with none on stairs, whose treads are smaller than what the stage asks for. Losses are those
-//! of the stages; gaps that the recording reports do not count as one.
+//! depth on the same walk ([`ground`]), with none on stairs, whose treads are smaller than what the
+//! stage asks for. Losses are those of the stages; gaps that the recording reports do not count.
 //!
 //! Faults of light, shoes and gait are rendered; those of the device and of inputs are applied to
 //! images of the walk without a fault, which are kept in memory.
@@ -36,13 +36,13 @@ use anyhow::{Context as _, Result, bail};
 use rig_sim::faults::Faults;
 use rig_sim::simulation::{Simulation, StereoFrame};
 use scene_bundle::outputs::terrain::TerrainMesh;
-use serde::Serialize;
 use serde_json::{Value, json};
 
 use self::device::delivered;
 use self::faults::{Injection, SWEEPS, Sweep};
 use self::inputs::Inputs;
-use self::outcome::{FootScores, Outcome, outcome};
+use self::outcome::{FootScores, Outcome};
+use self::point::{NO_FAULT, NO_FAULT_POINT, Point, point};
 use self::scores::Truth;
 use self::walks::{OTHERS, SHORT_S, WALKS, Walk};
 use crate::odometry::results;
@@ -54,42 +54,10 @@ mod faults;
 mod ground;
 mod inputs;
 mod outcome;
+mod point;
 mod scores;
 mod stages;
 mod walks;
-
-/// Name of points without a fault.
-const NO_FAULT: &str = "no fault";
-/// Name, unit and strength of these points.
-const NO_FAULT_POINT: (&str, &str, f64) = (NO_FAULT, "", 0.0);
-
-/// One fault on one walk.
-#[derive(Clone, Debug, Serialize)]
-struct Point {
-    walk: &'static str,
-    fault: &'static str,
-    unit: &'static str,
-    strength: f64,
-    seconds: f64,
-    outcome: Outcome,
-    /// Losses that the stages report.
-    losses: Vec<String>,
-    detections: usize,
-    /// Of the left and the right foot.
-    feet: [FootScores; 2],
-}
-
-impl Point {
-    /// In the order of the faults, walks and strengths.
-    fn place(&self) -> (Option<usize>, Option<usize>, f64, f64) {
-        (
-            SWEEPS.iter().position(|sweep| sweep.name == self.fault),
-            WALKS.iter().position(|walk| walk.name == self.walk),
-            self.strength.abs(),
-            self.seconds,
-        )
-    }
-}
 
 struct Options {
     quick: bool,
@@ -328,28 +296,6 @@ fn rendered(
     let frames = walk.render(&simulation, faults, length_s)?;
     let inputs = inputs(walk, &simulation, frames, length_s)?;
     Ok((simulation, inputs))
-}
-
-/// `clean` is what is stated without a fault, and whether that is of the same walk.
-fn point(
-    walk: &Walk,
-    (fault, unit, strength): (&'static str, &'static str, f64),
-    seconds: f64,
-    feet: &[FootScores; 2],
-    found: stages::Found,
-    (clean, is_same_walk): (&[FootScores; 2], bool),
-) -> Point {
-    Point {
-        walk: walk.name,
-        fault,
-        unit,
-        strength,
-        seconds,
-        outcome: outcome(feet, clean, is_same_walk, &found.losses),
-        losses: found.losses,
-        detections: found.detections,
-        feet: feet.clone(),
-    }
 }
 
 /// Inputs with the nominal rig and true poses.

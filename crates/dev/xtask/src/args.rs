@@ -59,7 +59,7 @@ Exit code: 0 fine, 1 failed, 2 bad arguments, 3 finished with loss (demo).
 ";
 
 /// The benchmarks, in the order in which `bench all` runs them.
-pub(crate) const BENCHMARKS: [&str; 30] = [
+pub(crate) const BENCHMARKS: [&str; 31] = [
     "archive",
     "sync",
     "frame_sync",

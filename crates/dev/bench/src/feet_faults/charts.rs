@@ -3,9 +3,9 @@
 use charts::{Axis, Chart, Series, Span, Timeline};
 
 use super::faults::{SWEEPS, Sweep};
-use super::outcome::Outcome;
+use super::outcome::{FootScores, Outcome};
+use super::point::{NO_FAULT, Point};
 use super::walks::WALKS;
-use super::{NO_FAULT, Point};
 
 /// Names and texts of all charts.
 pub(super) fn draw(points: &[Point], stamp: &str) -> Vec<(String, String)> {
@@ -102,7 +102,7 @@ fn errors(points: &[Point]) -> Chart {
             let own = points.iter().filter(|p| p.outcome == outcome);
             let own = own.filter(|p| p.feet.iter().any(|foot| foot.places.count > 0));
             let own: Vec<&Point> = own.collect();
-            let most = |point: &Point, of: fn(&super::FootScores) -> f64| {
+            let most = |point: &Point, of: fn(&FootScores) -> f64| {
                 point.feet.iter().map(of).fold(1e-4, f64::max)
             };
             let places = own.iter().map(|point| {

@@ -11,7 +11,8 @@ use crate::terrain::keyframes::{Source, depth_frames, keyframes};
 use crate::terrain::surface::surface;
 use crate::terrain::walks;
 
-/// The mesh of depth alone, where it is plane around the soles, of all cameras of the example rig on the same walk, with true poses.
+/// The mesh of depth alone, of all cameras of the example rig on the same walk, with true poses;
+/// empty where the ground is not plane around the soles.
 ///
 /// # Errors
 /// As of the benchmark `terrain`.

@@ -1,7 +1,7 @@
 use super::inputs::Edit;
 use super::*;
 
-/// Exchanged tags and a black eye on four seconds of a walk: neither is silent.
+/// A black eye, and a covered camera, on four seconds of a walk: neither is silent.
 #[test]
 fn faults_of_a_short_walk_are_not_silent() {
     const SECONDS: f64 = 4.0;
@@ -22,10 +22,14 @@ fn faults_of_a_short_walk_are_not_silent() {
     let (clean, found) = scored(&inputs);
     assert!(found.losses.is_empty(), "{:?}", found.losses);
     assert!(clean.iter().all(|foot| foot.found >= 2), "{clean:?}");
-    for (edit, strength) in [(Edit::BlackEye, 1.0), (Edit::DeadReckoned, 1.0)] {
-        let (scores, found) = scored(&inputs.edited(edit, strength).unwrap());
+    let mut covered = inputs.clone();
+    for frame in &mut covered.frames {
+        Arc::make_mut(frame).i420.fill(0);
+    }
+    for faulty in [inputs.edited(Edit::BlackEye, 1.0).unwrap(), covered] {
+        let (scores, found) = scored(&faulty);
         let outcome = outcome(&scores, &clean, true, &found.losses);
-        assert_eq!(outcome, Outcome::Flagged, "{edit:?}: {scores:?}");
+        assert_eq!(outcome, Outcome::Flagged, "{:?}: {scores:?}", found.losses);
     }
 }
 
