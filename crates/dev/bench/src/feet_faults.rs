@@ -10,7 +10,7 @@
 //!   than on that walk. A loss that names no foot, but tags or the camera, names both;
 //! - *flagged*: not silently wrong, and a loss is reported, or more contacts are missed or more
 //!   than 1 % more poses lost than without a fault, or an error is within its sigmas but large:
-//!   10 cm of a contact, 25 cm of a pose, 0.2 s of an event, and larger than without a fault;
+//!   10 cm of a contact, 25 cm of a pose, 0.2 s of an event, and a tenth larger than without;
 //! - *ok*: neither.
 //!
 //! A pose counts if one of its six components is outside, which with right covariances happens for

@@ -14,6 +14,8 @@ const SIGMAS: f64 = 3.0;
 const CONTACT_BOUND_M: f64 = 0.1;
 const POSE_BOUND_M: f64 = 0.25;
 const EVENT_BOUND_S: f64 = 0.2;
+/// Ratio of such an error to that without a fault from which on it is due to the fault.
+const LARGER: f64 = 1.1;
 /// Share of poses of which a component is outside with right covariances.
 const USUAL_SHARE: f64 = 0.016;
 /// Share of the poses by which more may be lost than on the walk without a fault.
@@ -147,9 +149,9 @@ impl FootScores {
         let event = |own: &Self| own.all_events().largest;
         self.missed > clean.missed
             || lost(self) > lost(clean) + LOST_SHARE
-            || contact(self) > CONTACT_BOUND_M.max(contact(clean))
-            || self.poses.largest > POSE_BOUND_M.max(clean.poses.largest)
-            || event(self) > EVENT_BOUND_S.max(event(clean))
+            || contact(self) > CONTACT_BOUND_M.max(LARGER * contact(clean))
+            || self.poses.largest > POSE_BOUND_M.max(LARGER * clean.poses.largest)
+            || event(self) > EVENT_BOUND_S.max(LARGER * event(clean))
     }
 }
 

@@ -1,4 +1,5 @@
 use super::inputs::Edit;
+use super::outcome::outcome;
 use super::*;
 
 /// A black eye, and a covered camera, on four seconds of a walk: neither is silent.
