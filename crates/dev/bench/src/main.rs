@@ -13,6 +13,7 @@ mod depth;
 mod encode;
 mod feet;
 mod feet_camera;
+mod feet_faults;
 mod feet_length;
 mod foreign;
 mod frame_sync;
@@ -78,6 +79,7 @@ const BENCHMARKS: &[(&str, Run)] = &[
     ("encode", encode::run),
     ("feet", feet::run),
     ("feet_camera", feet_camera::run),
+    ("feet_faults", feet_faults::run),
     ("feet_length", feet_length::run),
     ("foreign", foreign::run),
     ("frame_sync", frame_sync::run),

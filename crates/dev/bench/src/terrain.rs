@@ -23,15 +23,15 @@ use terrain::ground::Ground;
 use terrain::mesh::Mesh;
 
 mod charts;
-mod keyframes;
+pub(crate) mod keyframes;
 mod kitchen;
 mod open3d;
 mod parts;
 mod scores;
-mod surface;
+pub(crate) mod surface;
 mod truth;
 mod voxels;
-mod walks;
+pub(crate) mod walks;
 
 use keyframes::{DepthFrame, Source, depth_frames};
 use scores::Quantiles;

@@ -47,11 +47,11 @@ struct Camera {
 }
 
 /// A keyframe as rendered; rows first.
-pub(super) struct Keyframe {
-    pub(super) size: [usize; 2],
+pub(crate) struct Keyframe {
+    pub(crate) size: [usize; 2],
     geometry: Geometry,
-    pub(super) world_from_view: RigidTransform,
-    pub(super) row_motion: RowMotion,
+    pub(crate) world_from_view: RigidTransform,
+    pub(crate) row_motion: RowMotion,
     eyes: [Vec<u8>; 2],
     /// True depth, m; 0 for none and for more than 8 m.
     truth_m: Vec<f32>,
@@ -60,20 +60,20 @@ pub(super) struct Keyframe {
 
 /// Depth of a keyframe.
 #[derive(Clone)]
-pub(super) struct DepthFrame {
-    pub(super) size: [usize; 2],
-    pub(super) focal_px: [f64; 2],
-    pub(super) center_px: [f64; 2],
-    pub(super) world_from_view: RigidTransform,
-    pub(super) row_motion: RowMotion,
-    pub(super) depth_m: Vec<f32>,
-    pub(super) sigma_m: Vec<f32>,
-    pub(super) classes: Vec<PixelClass>,
+pub(crate) struct DepthFrame {
+    pub(crate) size: [usize; 2],
+    pub(crate) focal_px: [f64; 2],
+    pub(crate) center_px: [f64; 2],
+    pub(crate) world_from_view: RigidTransform,
+    pub(crate) row_motion: RowMotion,
+    pub(crate) depth_m: Vec<f32>,
+    pub(crate) sigma_m: Vec<f32>,
+    pub(crate) classes: Vec<PixelClass>,
 }
 
 /// Where depth comes from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Source {
+pub(crate) enum Source {
     /// Preset `balanced` on rendered images, with its stated sigma.
     Stereo,
     /// The truth.
@@ -81,7 +81,7 @@ pub(super) enum Source {
 }
 
 impl Source {
-    pub(super) fn name(self) -> &'static str {
+    pub(crate) fn name(self) -> &'static str {
         match self {
             Self::Stereo => "stereo",
             Self::Truth => "true depth",
@@ -93,7 +93,7 @@ impl Source {
 ///
 /// # Errors
 /// A pair that cannot be rectified, or an I/O error.
-pub(super) fn keyframes(prepared: &Prepared, ids: &[KeyframeId]) -> Result<Vec<Keyframe>> {
+pub(crate) fn keyframes(prepared: &Prepared, ids: &[KeyframeId]) -> Result<Vec<Keyframe>> {
     let count = prepared.simulation.cameras().len();
     let cameras: Vec<Camera> = (0..count)
         .map(|camera| Camera::new(prepared, camera))
@@ -309,7 +309,7 @@ fn folder(name: &str) -> Result<PathBuf> {
 ///
 /// # Errors
 /// The matcher fails.
-pub(super) fn depth_frames(keyframes: &[Keyframe], source: Source) -> Result<Vec<DepthFrame>> {
+pub(crate) fn depth_frames(keyframes: &[Keyframe], source: Source) -> Result<Vec<DepthFrame>> {
     keyframes.iter().map(|own| own.depth(source)).collect()
 }
 
@@ -364,7 +364,7 @@ impl Keyframe {
 
 impl DepthFrame {
     /// Depths of static pixels, m; 0 for others.
-    pub(super) fn static_depths(&self) -> Vec<f32> {
+    pub(crate) fn static_depths(&self) -> Vec<f32> {
         let pixels = self.depth_m.iter().zip(&self.classes);
         pixels
             .map(
@@ -377,7 +377,7 @@ impl DepthFrame {
     }
 
     /// As the crate `terrain` takes it.
-    pub(super) fn view(&self) -> DepthView<'_> {
+    pub(crate) fn view(&self) -> DepthView<'_> {
         DepthView {
             size: self.size,
             focal_px: self.focal_px,

@@ -13,36 +13,36 @@ use super::keyframes::DepthFrame;
 use crate::meter::timed;
 
 /// The surface of a walk.
-pub(super) struct Surface {
+pub(crate) struct Surface {
     /// The mesh before its vertices were moved to planes and edges.
-    pub(super) field: Mesh,
-    pub(super) mesh: Mesh,
-    pub(super) planes: Planes,
-    pub(super) edges: Vec<Edge>,
-    pub(super) levels: Vec<Level>,
-    pub(super) costs: Costs,
+    pub(crate) field: Mesh,
+    pub(crate) mesh: Mesh,
+    pub(crate) planes: Planes,
+    pub(crate) edges: Vec<Edge>,
+    pub(crate) levels: Vec<Level>,
+    pub(crate) costs: Costs,
 }
 
 /// Time and memory.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Costs {
-    pub(super) keyframes: usize,
+pub(crate) struct Costs {
+    pub(crate) keyframes: usize,
     /// Fusion, ms per keyframe, and processor time of all threads.
-    pub(super) fusion_ms: f64,
-    pub(super) fusion_cpu_ms: f64,
+    pub(crate) fusion_ms: f64,
+    pub(crate) fusion_cpu_ms: f64,
     /// The same for the second pass, for the planes.
-    pub(super) refinement_ms: f64,
-    pub(super) refinement_cpu_ms: f64,
+    pub(crate) refinement_ms: f64,
+    pub(crate) refinement_cpu_ms: f64,
     /// Mesh, planes, edges and maps after the last keyframe, s.
-    pub(super) end_s: f64,
-    pub(super) stats: VolumeStats,
+    pub(crate) end_s: f64,
+    pub(crate) stats: VolumeStats,
 }
 
 /// The surface of depth maps, with maps of depth alone.
 ///
 /// # Errors
 /// An invalid view.
-pub(super) fn surface(frames: &[DepthFrame], fusion: FusionConfig) -> Result<Surface> {
+pub(crate) fn surface(frames: &[DepthFrame], fusion: FusionConfig) -> Result<Surface> {
     let count = frames.len().max(1) as f64;
     let (volume, fused) = timed(|| fuse(frames, fusion));
     let volume = volume?;
@@ -83,7 +83,7 @@ pub(super) fn surface(frames: &[DepthFrame], fusion: FusionConfig) -> Result<Sur
 ///
 /// # Errors
 /// An invalid view.
-pub(super) fn fuse(frames: &[DepthFrame], fusion: FusionConfig) -> Result<Volume> {
+pub(crate) fn fuse(frames: &[DepthFrame], fusion: FusionConfig) -> Result<Volume> {
     let mut volume = Volume::new(fusion)?;
     for frame in frames {
         volume.add(&frame.view())?;
@@ -92,6 +92,6 @@ pub(super) fn fuse(frames: &[DepthFrame], fusion: FusionConfig) -> Result<Volume
 }
 
 /// Maps with ground samples.
-pub(super) fn maps(mesh: &Mesh, edges: &[Edge], samples: &[GroundSample]) -> Vec<Level> {
+pub(crate) fn maps(mesh: &Mesh, edges: &[Edge], samples: &[GroundSample]) -> Vec<Level> {
     build(mesh, edges, samples, &MapConfig::default())
 }

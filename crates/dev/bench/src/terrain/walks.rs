@@ -15,18 +15,18 @@ const RATE_HZ: f64 = 15.0;
 const SPACING_M: f64 = 0.5;
 const SPACING_DEG: f64 = 20.0;
 /// Image sizes of one eye.
-pub(super) const SMALL: [u32; 2] = [672, 376];
-pub(super) const LARGE: [u32; 2] = [1280, 720];
+pub(crate) const SMALL: [u32; 2] = [672, 376];
+pub(crate) const LARGE: [u32; 2] = [1280, 720];
 
 /// Part of a simulated walk. No test uses these seeds.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Walk {
-    pub(super) kind: Kind,
-    pub(super) light: Lighting,
-    pub(super) seed: u64,
+pub(crate) struct Walk {
+    pub(crate) kind: Kind,
+    pub(crate) light: Lighting,
+    pub(crate) seed: u64,
     /// Begin and end, s: the walk before it is not rendered.
-    pub(super) span_s: [f64; 2],
-    pub(super) size: [u32; 2],
+    pub(crate) span_s: [f64; 2],
+    pub(crate) size: [u32; 2],
 }
 
 const fn walk(kind: Kind, light: Lighting, seed: u64, span_s: [f64; 2], size: [u32; 2]) -> Walk {
@@ -40,7 +40,7 @@ const fn walk(kind: Kind, light: Lighting, seed: u64, span_s: [f64; 2], size: [u
 }
 
 /// Down a kerb and up the other one; up and down stairs; roots and stones; between furniture.
-pub(super) const WALKS: [Walk; 8] = [
+pub(crate) const WALKS: [Walk; 8] = [
     walk(Kind::Pavement, Lighting::Day, 301, [10.0, 25.0], SMALL),
     walk(Kind::Stairs, Lighting::Day, 302, STAIRS_S, SMALL),
     walk(Kind::Trail, Lighting::Day, 303, [3.0, 18.0], SMALL),
@@ -53,22 +53,22 @@ pub(super) const WALKS: [Walk; 8] = [
 const STAIRS_S: [f64; 2] = [4.0, 24.0];
 
 /// A walk that is prepared for rendering.
-pub(super) struct Prepared {
-    pub(super) walk: Walk,
-    pub(super) simulation: Arc<Simulation>,
+pub(crate) struct Prepared {
+    pub(crate) walk: Walk,
+    pub(crate) simulation: Arc<Simulation>,
 }
 
 /// A frame of a camera.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct KeyframeId {
-    pub(super) camera: usize,
-    pub(super) frame: u64,
-    pub(super) time_ns: i64,
+pub(crate) struct KeyframeId {
+    pub(crate) camera: usize,
+    pub(crate) frame: u64,
+    pub(crate) time_ns: i64,
 }
 
 impl Walk {
     /// Scene, light, seed and columns.
-    pub(super) fn name(&self) -> String {
+    pub(crate) fn name(&self) -> String {
         let [width, height] = self.size;
         let (kind, light) = (self.kind.name(), self.light.name());
         format!("{kind}-{light}-{}-{width}x{height}", self.seed)
@@ -76,7 +76,7 @@ impl Walk {
 
     /// # Errors
     /// There is no such walk.
-    pub(super) fn prepare(self) -> Result<Prepared> {
+    pub(crate) fn prepare(self) -> Result<Prepared> {
         let rig = Rig::parse(EXAMPLE_RIG).context("reading the example rig")?;
         let settings = Settings {
             kind: self.kind,
@@ -98,7 +98,7 @@ impl Walk {
 
 impl Prepared {
     /// Keyframes in the order in which the stage fuses them: by time, then camera.
-    pub(super) fn keyframes(&self) -> Result<Vec<KeyframeId>> {
+    pub(crate) fn keyframes(&self) -> Result<Vec<KeyframeId>> {
         let settings = self.simulation.settings();
         let first = (self.walk.span_s[0] * RATE_HZ).ceil() as u64;
         let mut last: Option<RigidTransform> = None;
@@ -127,7 +127,7 @@ impl Prepared {
 }
 
 /// A pose of the simulator.
-pub(super) fn transform(
+pub(crate) fn transform(
     position: &nalgebra::Vector3<f64>,
     rotation: &nalgebra::UnitQuaternion<f64>,
 ) -> Result<RigidTransform> {
