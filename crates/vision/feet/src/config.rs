@@ -15,6 +15,8 @@ config! {
         pub max_speed: f64 = 8.0,
         /// Maximum distance of a foot from the rig, m.
         pub max_distance_m: f64 = 2.2,
+        /// Frames from one to the next in which each eye alone is compared with the other one.
+        pub eye_check_frames: u64 = 4,
     }
 
     /// Motion of feet between frames.

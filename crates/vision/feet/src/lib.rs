@@ -13,6 +13,7 @@ mod config;
 mod contact;
 mod deviation;
 pub mod events;
+mod eye_agreement;
 pub mod observation;
 mod poses;
 mod prediction;

@@ -14,6 +14,7 @@ use imaging::ImageView;
 use nalgebra::Vector3;
 
 use crate::config::Config;
+use crate::eye_agreement;
 use crate::poses;
 use crate::prediction::{FootMotion, FootPose};
 use crate::shoe::{Shoe, ShoeTag};
@@ -66,6 +67,9 @@ pub struct Detection {
     pub tag: usize,
     /// Pose of the tag in the rig, and how it was fitted.
     pub fit: Fit,
+    /// Of some detections: from the ray of the left eye to that of the right one at the distance
+    /// that the size of the tag says, to the right and down, m. None where both agree.
+    pub between_eyes: Option<[f64; 2]>,
 }
 
 /// Tracks the tags of shoes.
@@ -77,6 +81,8 @@ pub struct TagTracker {
     searcher: Searcher,
     /// By shoe.
     feet: Vec<Option<FootMotion>>,
+    /// Number of frames before this one.
+    frames: u64,
 }
 
 impl TagTracker {
@@ -86,6 +92,7 @@ impl TagTracker {
         Self {
             searcher: Searcher::new(dictionary, &config.search.detection),
             feet: vec![None; shoes.len()],
+            frames: 0,
             shoes,
             cameras,
             config,
@@ -116,6 +123,7 @@ impl TagTracker {
             let own: Vec<&Detection> = found.iter().filter(|seen| seen.shoe == shoe).collect();
             self.update(frame, shoe, &own);
         }
+        self.frames += 1;
         found
     }
 
@@ -138,7 +146,9 @@ impl TagTracker {
                 .fit(frame, shoe_tag, &start, &motion)
                 .or_else(|| self.at_rest(frame, shoe_tag, &at_rest, self.config.search.near_m))
                 .or_else(|| self.near(frame, shoe_tag, &start))?;
-            self.detection(frame, (shoe, tag), fit)
+            let mut seen = self.detection(frame, (shoe, tag), fit)?;
+            seen.between_eyes = self.between_eyes(frame, shoe_tag, &seen.fit, &motion);
+            Some(seen)
         })
         .collect()
     }
@@ -314,6 +324,26 @@ impl TagTracker {
         })
     }
 
+    /// How far the rays of both eyes are apart, of a whole tag in some of the frames.
+    fn between_eyes(
+        &self,
+        frame: &Frame<'_>,
+        shoe_tag: &ShoeTag,
+        fit: &Fit,
+        motion: &Motion,
+    ) -> Option<[f64; 2]> {
+        let moved_m = Vector3::from(motion.linear).norm() * frame.exposure_s;
+        let is_whole = fit.visible_share.iter().all(|share| *share == 1.0);
+        let is_sharp = moved_m < self.config.search.min_blur_cells * shoe_tag.tag.cell_m();
+        let is_next = self.frames.is_multiple_of(self.config.eye_check_frames);
+        if !(is_whole && is_sharp && is_next) {
+            return None;
+        }
+        let views = self.views(frame);
+        let (tag, pose) = (&shoe_tag.tag, &fit.reference_from_tag);
+        eye_agreement::between_eyes(&views, tag, pose, motion, &self.config.fit)
+    }
+
     /// A detection, if the foot can be there.
     fn detection(
         &self,
@@ -333,6 +363,7 @@ impl TagTracker {
             shoe,
             tag,
             fit,
+            between_eyes: None,
         })
     }
 

@@ -87,7 +87,10 @@ impl Tag {
     }
 
     /// Whether the cell in this row and column, with margins, is white.
-    pub(crate) fn is_white(&self, row: usize, column: usize) -> bool {
+    ///
+    /// # Panics
+    /// Beyond them.
+    pub fn is_white(&self, row: usize, column: usize) -> bool {
         self.whites[row][column] > 0.5
     }
 

@@ -32,7 +32,7 @@ pub(super) struct Found {
 pub(super) fn run(inputs: &Inputs, ground: &TerrainMesh) -> Result<Found> {
     let findings = Findings::default();
     let detections = detections(inputs, &findings)?;
-    let (contacts, poses) = feet(
+    let found = feet(
         &inputs.rig,
         &inputs.trajectory,
         &detections,
@@ -40,8 +40,8 @@ pub(super) fn run(inputs: &Inputs, ground: &TerrainMesh) -> Result<Found> {
         &findings,
     );
     Ok(Found {
-        contacts,
-        poses,
+        contacts: found.contacts,
+        poses: found.poses,
         losses: findings.into_report().losses,
         detections: detections.len(),
     })
@@ -80,10 +80,10 @@ fn detections(inputs: &Inputs, findings: &Findings) -> Result<Vec<TagDetection>>
         seen += u64::from(!found.is_empty());
         for own in &found {
             let row = detection(own, tag(own), frame.number).map_err(|error| anyhow!(error))?;
-            eyes.count(&row);
+            eyes.count(own, &row);
             all.push(row);
         }
     }
-    report(findings, eyes, seen, inputs.frames.len() as u64);
+    report(findings, &eyes, seen, inputs.frames.len() as u64);
     Ok(all)
 }
