@@ -154,6 +154,9 @@ pub fn feet(
             causal.extend(rigs.zip(found).map(of_rig));
         }
         report(work, &contacts, &poses);
+        for (foot, known) in Foot::ALL.into_iter().zip(&known) {
+            report_restless(work, foot, known);
+        }
     } else {
         work.note("no tag on a shoe was seen: there are no contacts and no poses of feet");
     }
@@ -303,6 +306,31 @@ fn report(work: &Findings, contacts: &[Vec<Contact>; 2], poses: &[FootPose]) {
         share(&[FootStatus::Held, FootStatus::Bridged]),
         share(&[FootStatus::Lost])
     ));
+}
+
+/// Share of the frames of a foot in which it is at rest, below which a walk is none: of people who
+/// walk it is 0.5 to 0.9, of some who jog 0.4.
+const MIN_REST_SHARE: f64 = 0.25;
+/// Number of frames of a foot that says something about that.
+const MIN_REST_FRAMES: usize = 60;
+
+/// Reports a foot that frames show well, and hardly ever at rest: poses of the rig that drift, or a
+/// calibration or a size of tags with which feet seem to move.
+fn report_restless(work: &Findings, foot: Foot, known: &FootContacts<'_>) {
+    let all = known.observations.len();
+    let at_rest = known
+        .contacts
+        .iter()
+        .map(|own| own.stance.observations.len());
+    let share = at_rest.sum::<usize>() as f64 / all.max(1) as f64;
+    if all >= MIN_REST_FRAMES && share < MIN_REST_SHARE {
+        work.record_loss(format!(
+            "{}: it is at rest in {:.0} % of {all} frames only, so contacts are missing: check the \
+             poses of the rig, the calibration of the camera and size_m of [[shoe_tag]]",
+            foot.as_str(),
+            100.0 * share
+        ));
+    }
 }
 
 /// Keyframes that show the places of contacts.
