@@ -255,7 +255,7 @@ impl TagTracker {
         let places: Vec<RigidTransform> = heights
             .iter()
             .filter_map(|height| {
-                poses::pose(&last.rotation(), &Vector3::new(below.x, below.y, *height))
+                poses::pose(last.rotation(), &Vector3::new(below.x, below.y, *height))
             })
             .collect();
         let tags = self.shoes[shoe].tags.iter().enumerate();

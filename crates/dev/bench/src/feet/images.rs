@@ -143,12 +143,12 @@ fn render(
 
 /// Visible share of the tag of each foot by eye.
 fn visible(ground_truth: &mut GroundTruth<'_>, time_ns: i64) -> [[f64; 2]; 2] {
-    let mut visible = [[0.0; 2]; 2];
-    for eye in 0..2 {
+    let mut by_eye = [[0.0; 2]; 2];
+    for (eye, shares) in by_eye.iter_mut().enumerate() {
         let truth = ground_truth.render(eye, time_ns);
         for tag in ground_truth.tags(eye, &truth) {
-            visible[tag.id][eye] = tag.visible_share;
+            shares[tag.id] = tag.visible_share;
         }
     }
-    visible
+    [0, 1].map(|foot| [0, 1].map(|eye: usize| by_eye[eye][foot]))
 }
