@@ -131,7 +131,7 @@ fn less_than_two_steps_are_no_loss() {
     assert!(contacts(&scene) <= 2, "{}", contacts(&scene));
     let poses = outputs::feet::read(&scene.output("feet").expect("feet")).expect("poses");
     // Two for each pose of the rig.
-    assert!(!poses.is_empty() && poses.len() % 2 == 0);
+    assert!(!poses.is_empty() && poses.len().is_multiple_of(2));
 }
 
 #[test]
