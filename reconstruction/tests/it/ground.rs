@@ -53,11 +53,8 @@ fn footsteps_and_the_ground_below_them_are_near_ground_truth() {
         poses.iter().filter(|pose| pose.status == status).count()
     };
     assert_eq!(count(&causal, FootStatus::Bridged), 0);
-    let observed = [&causal, &poses].map(|poses| count(poses, FootStatus::Observed));
-    assert!(
-        0 < observed[0] && observed[0] <= observed[1],
-        "{observed:?}"
-    );
+    // Feet are observed before the first contact, too.
+    assert!(count(&causal, FootStatus::Observed) > 0);
 
     let maps = output("maps");
     let index = outputs::maps::read_index(&maps).expect("an index");
