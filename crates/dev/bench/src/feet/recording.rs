@@ -1,7 +1,7 @@
 //! What the feet camera of a walk shows of the shoe tags, and the truth about it.
 //!
 //! Contract: images are rendered, or read from a folder in which an earlier run kept them
-//! ([`images`](super::images)); tags are tracked in them in every run.
+//! ([`images`]); tags are tracked in them in every run.
 
 use std::path::Path;
 use std::sync::Arc;
