@@ -46,21 +46,33 @@ fn outcomes(points: &[Point], stamp: &str) -> Timeline {
         .footnote(stamp)
         .kinds(Outcome::ALL.map(name));
     let chart = WALKS.iter().fold(chart, |chart, walk| {
-        row(chart, points, walk.name, NO_FAULT, "")
+        row(chart, points, walk.name, (NO_FAULT, &[]), "")
     });
     SWEEPS.iter().fold(chart, |chart, sweep| {
         let note = note(sweep);
         WALKS.iter().fold(chart, |chart, walk| {
-            row(chart, points, walk.name, sweep.name, &note)
+            let fault = (sweep.name, sweep.strengths);
+            row(chart, points, walk.name, fault, &note)
         })
     })
 }
 
-fn row(chart: Timeline, points: &[Point], walk: &str, fault: &str, note: &str) -> Timeline {
+/// Points of a fault on a walk at the places of their strengths, or side by side.
+fn row(
+    chart: Timeline,
+    points: &[Point],
+    walk: &str,
+    (fault, strengths): (&str, &[f64]),
+    note: &str,
+) -> Timeline {
     let own = points.iter().filter(|p| p.walk == walk && p.fault == fault);
-    let spans = own.zip(0_u32..).map(|(point, place)| Span {
-        from: f64::from(place) + 0.03,
-        to: f64::from(place) + 0.97,
+    let place = |point: &Point, order: usize| {
+        let own = strengths.iter().position(|own| *own == point.strength);
+        own.unwrap_or(order) as f64
+    };
+    let spans = own.enumerate().map(|(order, point)| Span {
+        from: place(point, order) + 0.03,
+        to: place(point, order) + 0.97,
         kind: Outcome::ALL
             .iter()
             .position(|own| *own == point.outcome)
