@@ -98,15 +98,14 @@ pub fn foot_observations(
 ) -> Vec<FootObservation> {
     let frames = surest(candidates);
     let costs = costs(&frames, config);
-    let last = costs.last().map(|last| last.iter().enumerate());
-    let mut next = last.and_then(|last| last.min_by(|a, b| a.1.0.total_cmp(&b.1.0)));
+    let mut next = costs.last().and_then(|last| cheapest(last));
     let mut found = Vec::with_capacity(frames.len());
-    for (k, frame) in frames.iter().enumerate().rev() {
-        let Some((chosen, (_, before))) = next else {
+    for (frame, ends) in frames.iter().zip(&costs).rev() {
+        let Some(chosen) = next else {
             break;
         };
         found.push(frame.observation(chosen));
-        next = k.checked_sub(1).map(|k| (*before, &costs[k][*before]));
+        next = Some(ends[chosen].1);
     }
     found.reverse();
     without_outliers(found, config)
@@ -140,14 +139,16 @@ pub fn causal_observations(
     let frames = surest(candidates);
     let costs = costs(&frames, config);
     let parts = frames.iter().zip(&costs);
-    let least = |ends: &[(f64, usize)]| {
-        let ends = ends.iter().enumerate();
-        ends.min_by(|a, b| a.1.0.total_cmp(&b.1.0))
-            .map(|(chosen, _)| chosen)
-    };
     parts
-        .filter_map(|(frame, ends)| Some(frame.observation(least(ends)?)))
+        .filter_map(|(frame, ends)| Some(frame.observation(cheapest(ends)?)))
         .collect()
+}
+
+/// The pose with which a sequence ends at the least cost.
+fn cheapest(ends: &[(f64, usize)]) -> Option<usize> {
+    let ends = ends.iter().enumerate();
+    let least = ends.min_by(|a, b| a.1.0.total_cmp(&b.1.0));
+    least.map(|(chosen, _)| chosen)
 }
 
 impl FootCandidates {
@@ -164,26 +165,20 @@ impl FootCandidates {
 fn costs(frames: &[FootCandidates], config: &FootConfig) -> Vec<Vec<(f64, usize)>> {
     let mut costs: Vec<Vec<(f64, usize)>> = Vec::with_capacity(frames.len());
     for (k, frame) in frames.iter().enumerate() {
-        let cost = |pose: &(RigidTransform, f64)| {
+        let cost = |(m, pose): (usize, &(RigidTransform, f64))| {
             let own = own_cost(pose, config);
             let Some(before) = k.checked_sub(1).map(|before| &frames[before]) else {
                 return (own, 0);
             };
-            let poses = before.poses.iter().zip(&costs[k - 1]).enumerate();
-            let through = poses.map(|(n, (earlier, (cost, _)))| {
-                let [a, b] =
-                    [(before, &earlier.0), (frame, &pose.0)].map(|(own, pose)| FootObservation {
-                        time_ns: own.time_ns,
-                        world_from_foot: *pose,
-                        covariance: own.covariance,
-                    });
-                let change = change_cost(&a, &b, config);
+            let here = frame.observation(m);
+            let through = costs[k - 1].iter().enumerate().map(|(n, (cost, _))| {
+                let change = change_cost(&before.observation(n), &here, config);
                 (own + cost + change, n)
             });
             let least = through.min_by(|a, b| a.0.total_cmp(&b.0));
             least.unwrap_or((own, 0))
         };
-        let ends: Vec<(f64, usize)> = frame.poses.iter().map(cost).collect();
+        let ends: Vec<(f64, usize)> = frame.poses.iter().enumerate().map(cost).collect();
         costs.push(ends);
     }
     costs

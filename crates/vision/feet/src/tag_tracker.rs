@@ -67,8 +67,8 @@ pub struct Detection {
     pub tag: usize,
     /// Pose of the tag in the rig, and how it was fitted.
     pub fit: Fit,
-    /// Of some detections: from the ray of the left eye to that of the right one at the distance
-    /// that the size of the tag says, to the right and down, m. None where both agree.
+    /// From the ray of the left eye to that of the right one at the distance that the size of the
+    /// tag says, to the right and down, m; `None` where both were not compared.
     pub between_eyes: Option<[f64; 2]>,
 }
 
@@ -194,8 +194,7 @@ impl TagTracker {
         let rig = frame.rig.as_ref()?;
         let config = &self.config.search;
         let motion = motion_in_rig(rig, places.first()?, shoe_tag, &Motion::default());
-        let moved_m = Vector3::from(motion.linear).norm() * frame.exposure_s;
-        if moved_m < config.min_blur_cells * shoe_tag.tag.cell_m() {
+        if !self.is_blurred(frame, shoe_tag, &motion) {
             return None;
         }
         let rig_from_world = rig.world_from_rig.inverse();
@@ -324,6 +323,12 @@ impl TagTracker {
         })
     }
 
+    /// Whether a motion blurs a tag so much that no detector of corners finds it.
+    fn is_blurred(&self, frame: &Frame<'_>, shoe_tag: &ShoeTag, motion: &Motion) -> bool {
+        let moved_m = Vector3::from(motion.linear).norm() * frame.exposure_s;
+        moved_m >= self.config.search.min_blur_cells * shoe_tag.tag.cell_m()
+    }
+
     /// How far the rays of both eyes are apart, of a whole tag in some of the frames.
     fn between_eyes(
         &self,
@@ -332,11 +337,9 @@ impl TagTracker {
         fit: &Fit,
         motion: &Motion,
     ) -> Option<[f64; 2]> {
-        let moved_m = Vector3::from(motion.linear).norm() * frame.exposure_s;
         let is_whole = fit.visible_share.iter().all(|share| *share == 1.0);
-        let is_sharp = moved_m < self.config.search.min_blur_cells * shoe_tag.tag.cell_m();
         let is_next = self.frames.is_multiple_of(self.config.eye_check_frames);
-        if !(is_whole && is_sharp && is_next) {
+        if !is_whole || !is_next || self.is_blurred(frame, shoe_tag, motion) {
             return None;
         }
         let views = self.views(frame);
