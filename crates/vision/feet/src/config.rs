@@ -33,6 +33,8 @@ config! {
     pub struct SearchConfig {
         /// Detection of tags of any identity.
         pub detection: fiducials::SearchConfig = fiducials::SearchConfig::default(),
+        /// Minimum distance of a shoe from a camera, m: larger dark regions are no tags.
+        pub min_distance_m: f64 = 0.4,
         /// Time without a detection of a foot after which whole images are searched, s: after a
         /// swing it is somewhere else.
         pub lost_s: f64 = 0.15,

@@ -7,7 +7,7 @@
 //! times that.
 
 use cad_transforms::RigidTransform;
-use fiducials::{Config, Motion, Tag, View, fit};
+use fiducials::{Config, Motion, Tag, View, refine};
 use nalgebra::Vector3;
 
 /// From the ray of the left eye to that of the right one at the distance by size: to the right and
@@ -22,10 +22,10 @@ pub(crate) fn between_eyes(
     let left_from_reference = views[0].eye_from_reference;
     let of_eye = |eye: usize| {
         let view = [views[eye]];
-        let alone = fit(&view, tag, reference_from_tag, motion, config)?;
+        let alone = refine(&view, tag, reference_from_tag, motion, config)?;
         let at = |point: [f64; 3]| Vector3::from(left_from_reference.apply(point));
         let eye = at(views[eye].eye_from_reference.inverse().translation_m());
-        let middle = at(alone.reference_from_tag.translation_m());
+        let middle = at(alone.translation_m());
         Some((eye, middle))
     };
     let [(left, a), (right, b)] = [of_eye(0)?, of_eye(1)?];

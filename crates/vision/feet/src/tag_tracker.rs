@@ -78,7 +78,8 @@ pub struct TagTracker {
     shoes: Vec<Shoe>,
     cameras: Vec<Camera>,
     config: Config,
-    searcher: Searcher,
+    /// By camera.
+    searchers: Vec<Searcher>,
     /// By shoe.
     feet: Vec<Option<FootMotion>>,
     /// Number of frames before this one.
@@ -88,9 +89,15 @@ pub struct TagTracker {
 impl TagTracker {
     /// A tracker of these shoes in these cameras.
     pub fn new(shoes: Vec<Shoe>, cameras: Vec<Camera>, config: Config) -> Self {
-        let dictionary = boards::Dictionary::AprilTag36h11;
+        let searcher = |camera: &Camera| {
+            let mut detection = config.search.detection;
+            let most_px = largest_px(&shoes, camera, config.search.min_distance_m);
+            let extent = &mut detection.regions.max_extent_px;
+            *extent = (*extent).min(most_px);
+            Searcher::new(boards::Dictionary::AprilTag36h11, &detection)
+        };
         Self {
-            searcher: Searcher::new(dictionary, &config.search.detection),
+            searchers: cameras.iter().map(searcher).collect(),
             feet: vec![None; shoes.len()],
             frames: 0,
             shoes,
@@ -177,7 +184,7 @@ impl TagTracker {
         let (left, right) = bounds(middle[0], image.width())?;
         let (top, bottom) = bounds(middle[1], image.height())?;
         let part = image.part([left, top], [right + 1 - left, bottom + 1 - top])?;
-        let found = self.searcher.search(&part);
+        let found = self.searchers[frame.camera].search(&part);
         let own = found.iter().find(|seen| seen.id == shoe_tag.tag.id)?;
         let corners = own.corners.map(|[x, y]| [x + left as f64, y + top as f64]);
         self.fit_at_corners(frame, shoe_tag, &corners)
@@ -221,7 +228,7 @@ impl TagTracker {
 
     /// Tags of shoes anywhere in a frame.
     fn searched(&self, frame: &Frame<'_>, shoes: &[usize]) -> Vec<Detection> {
-        let found = self.searcher.search(&frame.images[0]);
+        let found = self.searchers[frame.camera].search(&frame.images[0]);
         let mut detections = Vec::new();
         for &shoe in shoes {
             let before = detections.len();
@@ -396,6 +403,15 @@ impl TagTracker {
         let config = &self.config.prediction;
         self.feet[shoe] = Some(FootMotion::new(pose, self.feet[shoe].as_ref(), config));
     }
+}
+
+/// Extent of the largest tag in an image at a distance: its diagonal, px.
+fn largest_px(shoes: &[Shoe], camera: &Camera, distance_m: f64) -> usize {
+    let tags = shoes.iter().flat_map(|shoe| &shoe.tags);
+    let largest_m = tags.map(|own| own.tag.size_m).fold(0.0, f64::max);
+    let model = camera.lenses[0].model();
+    let diagonal_m = std::f64::consts::SQRT_2 * largest_m;
+    (model.fx.max(model.fy) * diagonal_m / distance_m).ceil() as usize
 }
 
 /// Motion of a tag in the rig.

@@ -3,11 +3,13 @@
 use cad_transforms::RigidTransform;
 use nalgebra::Vector3;
 
+use crate::batch::{BATCH, PixelBatch, Pixels, Plane, PlaneBatch};
 use crate::blur::Blur;
 use crate::moments::Moments;
-use crate::patch::Patch;
+use crate::patch::{Patch, plane};
 use crate::tag::Tag;
-use crate::template::Template;
+use crate::template::{PatternBatch, Template};
+use crate::vectors::{self, Kernel};
 use crate::view::Motion;
 
 /// Displacements that are tried along each axis, in steps, and a step, cells.
@@ -24,8 +26,12 @@ pub(crate) struct Aligner<'a> {
     pub(crate) motion: &'a Motion,
 }
 
-/// Where pixels of an eye meet the plane of a tag, cells, and their gray levels.
-type Points = Vec<([f64; 2], f64)>;
+/// Pixels of an eye and where they meet the plane of a tag.
+#[derive(Default)]
+struct Points {
+    pixels: Pixels,
+    places: Vec<PlaneBatch>,
+}
 
 impl Aligner<'_> {
     /// The start, moved in the plane of the tag to where it correlates best with the first eye, and
@@ -73,19 +79,24 @@ impl Aligner<'_> {
     /// Of a part of the pixels, which suffices here.
     fn points(&self, eye: usize, pose: &RigidTransform) -> Points {
         let patch = self.patches[eye];
-        let per_m = 1.0 / self.tag.cell_m();
-        let stride = patch.pixels.len().div_ceil(MAX_PIXELS).max(1);
-        let mut points = Vec::with_capacity(MAX_PIXELS);
-        let mut index = 0;
-        patch.for_each(pose, self.motion, |pixel, row_pose| {
-            if index % stride == 0
-                && let Some(point) = row_pose.meet(&pixel.ray)
-            {
-                points.push((point.at.map(|v| v * per_m), pixel.level));
-            }
-            index += 1;
-        });
-        points
+        let mut pixels = Pixels::with_capacity(MAX_PIXELS);
+        let stride = patch.pixels.count.div_ceil(MAX_PIXELS).max(1);
+        for index in (0..patch.pixels.count).step_by(stride) {
+            pixels.push(patch.pixels.batches[index / BATCH].pixel(index % BATCH));
+        }
+        let plane = plane(&patch.view, self.tag, (pose, self.motion), &pixels);
+        let Some(plane) = plane.filter(Plane::shows_front) else {
+            return Points::default();
+        };
+        let of_batch = |pixels: &PixelBatch| {
+            let mut point = PlaneBatch::ZERO;
+            plane.meet(pixels, &mut point);
+            point
+        };
+        Points {
+            places: pixels.batches.iter().map(of_batch).collect(),
+            pixels,
+        }
     }
 }
 
@@ -104,9 +115,41 @@ fn best<T: Copy + Default>(candidates: impl Iterator<Item = T>, score: impl Fn(T
 /// Correlation of gray levels with the pattern, with the tag moved by a shift, cells.
 fn correlation(template: &Template, points: &Points, shift: [f64; 2]) -> f64 {
     let mut moments = Moments::default();
-    for (at, level) in points {
-        let place = [0, 1].map(|k| at[k] - shift[k]);
-        moments.add(template.at(place).value, *level);
+    let shift = shift.map(|v| v as f32);
+    let mut pattern = PatternBatch::ZERO;
+    let batches = points.pixels.batches.iter().zip(&points.places);
+    for (number, (pixels, places)) in batches.enumerate() {
+        vectors::run(Shifted {
+            template,
+            places,
+            shift,
+            pattern: &mut pattern,
+        });
+        for k in 0..points.pixels.count_of(number) {
+            moments.add(f64::from(pattern.value[k]), f64::from(pixels.level[k]));
+        }
     }
     moments.correlation()
+}
+
+/// The pattern at places of a tag that is moved by a shift, cells.
+struct Shifted<'k> {
+    template: &'k Template,
+    places: &'k PlaneBatch,
+    shift: [f32; 2],
+    pattern: &'k mut PatternBatch,
+}
+
+impl Kernel for Shifted<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        let mut moved = *self.places;
+        for k in 0..BATCH {
+            moved.x[k] -= self.shift[0];
+            moved.y[k] -= self.shift[1];
+        }
+        self.template.sample(&moved, 0.0, self.pattern);
+    }
 }

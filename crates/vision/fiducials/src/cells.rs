@@ -1,12 +1,13 @@
 //! What the cells of a tag show, against what its code says.
 
-use cad_transforms::RigidTransform;
-
+use crate::batch::PlaneBatch;
 use crate::levels::Levels;
-use crate::patch::{Window, cell_at};
+use crate::linearization::{PatchModel, Sample, State};
+use crate::patch::{Window, cell_at, plane};
 use crate::tag::Tag;
-use crate::tone::Tone;
-use crate::view::{Motion, PlanePoint};
+use crate::template::PatternBatch;
+use crate::vectors;
+use crate::view::Motion;
 
 /// Deviation from which on something hides a cell, and from which on its bit is wrong: 1 is that of
 /// a cell of the other color.
@@ -19,6 +20,18 @@ const WRONG: f64 = 0.5;
 const MIN_SHARE: f64 = 0.4;
 const MIN_HIDDEN_SHARE: f64 = 0.7;
 
+/// Pixels of a window per cell that are compared at most.
+const PIXELS_PER_CELL: usize = 30;
+
+/// Pixels near the middle of a cell depend on it most: weight along one axis of a place, cells
+/// about the middle of the tag.
+fn middle_weight(at: f32, half_cells: f32) -> f32 {
+    let place = at + half_cells;
+    let from_middle = place - (place as i32) as f32 - 0.5;
+    let share = 1.0 - 4.0 * from_middle * from_middle;
+    share * share
+}
+
 /// Mean deviations of the cells of a tag in an eye.
 #[derive(Clone, Debug)]
 pub(crate) struct Cells {
@@ -30,41 +43,49 @@ pub(crate) struct Cells {
 }
 
 impl Cells {
-    /// Compares all pixels of a window; `light` is the pattern at a place of the plane, and
-    /// `own_share` what a cell contributes to it at its middle, and whether motion blurs
-    /// it.
+    /// Compares the pixels of a window, of large tags an evenly spread part of them, with the
+    /// pattern that was fitted.
     pub(crate) fn new(
         window: &Window<'_>,
+        own: &PatchModel<'_>,
         tag: &Tag,
-        pose: &RigidTransform,
+        (state, levels): (&State, &Levels),
         motion: &Motion,
-        (levels, tone): (&Levels, &Tone),
-        (light, own_share): (impl Fn(&PlanePoint) -> f64, (f64, bool)),
+        blurred_cells: f64,
     ) -> Self {
         let count = tag.cells() * tag.cells();
         let mut sums = vec![[0.0; 2]; count];
-        window.for_each(pose, motion, |pixel, _, point| {
-            let Some(cell) = cell_at(tag, point.at) else {
-                return;
-            };
-            let expected = f64::from(tone.at(light(point) as f32).0);
-            let found = (pixel.level - levels.black) / levels.contrast();
-            // Pixels near the middle of a cell depend on it most.
-            let from_middle = point.at.map(|v| {
-                let place = v / tag.cell_m() + tag.half_cells();
-                place - place.floor() - 0.5
-            });
-            let weight = from_middle
-                .map(|v| (1.0 - 4.0 * v * v).powi(2))
-                .iter()
-                .product::<f64>();
-            sums[cell][0] += weight * (found - expected);
-            sums[cell][1] += weight;
-        });
+        let half = tag.half_cells();
+        let stride = window.stride(count * PIXELS_PER_CELL);
+        let pixels = window.near(tag, (&state.pose, motion), [half; 2], stride, |_| true);
+        if let Some(plane) = plane(&window.view, tag, (&state.pose, motion), &pixels) {
+            let tone = levels.tone(state.tone);
+            let (black, by_contrast) = (levels.black as f32, 1.0 / levels.contrast() as f32);
+            let (mut point, mut pattern) = (PlaneBatch::ZERO, PatternBatch::ZERO);
+            for (number, batch) in pixels.batches.iter().enumerate() {
+                vectors::run(Sample {
+                    plane: &plane,
+                    template: own.template(),
+                    growth: own.growth(state.log_blur),
+                    pixels: batch,
+                    point: &mut point,
+                    pattern: &mut pattern,
+                });
+                for k in 0..pixels.count_of(number) {
+                    let at = [point.x[k], point.y[k]];
+                    let found = (batch.level[k] - black) * by_contrast;
+                    let deviation = found - tone.at(pattern.value[k]).0;
+                    let weight = middle_weight(at[0], half as f32) * middle_weight(at[1], half as f32);
+                    let sum = &mut sums[cell_at(tag, at)];
+                    sum[0] += f64::from(weight * deviation);
+                    sum[1] += f64::from(weight);
+                }
+            }
+        }
         let deviation = |[sum, weight]: [f64; 2]| (weight > 0.05).then(|| sum / weight);
         Self {
             deviations: sums.into_iter().map(deviation).collect(),
-            own_share,
+            own_share: (own.blur.own_share(), own.blur.motion_cells() > blurred_cells),
         }
     }
 

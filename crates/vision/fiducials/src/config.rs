@@ -9,8 +9,15 @@ config! {
         pub min_start_correlation: f64 = 0.8,
         /// Maximum number of iterations.
         pub max_iterations: usize = 12,
-        /// Motion of the corners in an iteration at which the fit has converged, cells.
-        pub convergence_cells: f64 = 0.002,
+        /// Motion of the corners in an iteration at which the fit has converged, cells: what
+        /// remains is a small part of it.
+        pub convergence_cells: f64 = 0.01,
+        /// Likewise before pixels are selected again.
+        pub first_convergence_cells: f64 = 0.05,
+        /// Motion of the corners from the start up to which pixels are not selected again, cells.
+        pub kept_cells: f64 = 0.15,
+        /// Change of the logarithm of the blur, likewise.
+        pub kept_log_blur: f64 = 0.25,
         /// Motion of the corners in an iteration that does not lower the cost, at which the fit has
         /// converged, cells.
         pub rejected_cells: f64 = 0.01,
@@ -44,6 +51,9 @@ config! {
         /// Maximum robust cost of a second pose above that of the first, in units of the noise of
         /// pixels: three sigmas squared. Neighboring pixels share their errors, hence more.
         pub max_excess_cost: f64 = 30.0,
+        /// Multiple of the decrease of the cost that the next iteration promises by which the cost
+        /// of a second pose may be too high before its fit is given up.
+        pub give_up_ratio: f64 = 3.0,
         /// Minimum rotation between two poses that count as two, rad.
         pub min_other_rad: f64 = 0.03,
         /// Standard deviation of the tilt below which no fit is trusted, rad: that of images of the

@@ -7,17 +7,18 @@
 //! small.
 
 use cad_transforms::RigidTransform;
-use nalgebra::{DVector, Matrix6};
+use nalgebra::Matrix6;
 
 use crate::align::Aligner;
 use crate::cells::Cells;
 use crate::config::Config;
-use crate::linearization::{Linearization, Problem, State};
+use crate::linearization::{Linearization, Patterns, Problem, State};
 use crate::moments::Moments;
 use crate::patch::{Patch, Selection, Window};
 use crate::planar_pose::mirrored;
+use crate::residuals::Evaluation;
 use crate::tag::Tag;
-use crate::view::{Motion, PlanePoint, View};
+use crate::view::{Motion, View};
 
 /// A fitted tag.
 #[derive(Clone, Debug)]
@@ -56,8 +57,6 @@ pub struct Minimum {
 /// Cost above that of the first pose at which the start of a second one is given up, relative to
 /// the maximum after its fit.
 const START_EXCESS: f64 = 10.0;
-/// Convergence before pixels are selected again, as a multiple of that after it.
-const FIRST_CONVERGENCE: f64 = 10.0;
 /// Rotation about the axes in the plane that moves a corner, relative to rotation in the plane.
 const TILT_SHARE: f64 = 0.2;
 
@@ -78,30 +77,39 @@ pub fn fit(
         config,
     };
     let all = vec![Selection::all(tag, config); views.len()];
-    let mut start = Start::at(*start);
+    let mut start = *start;
     let mut problem = fitter.problem(&start, &all)?;
-    if let Some(aligned) = fitter.align(&start.pose, &problem) {
-        start = Start::at(aligned);
+    let mut patterns = problem.patterns(&start, 0.0)?;
+    if let Some(aligned) = fitter.align(&start, &problem, &patterns) {
+        start = aligned;
         if !fitter.windows.iter().all(|own| own.covers(tag, &aligned)) {
             drop(problem);
             fitter.windows = windows(views, tag, &aligned);
         }
         problem = fitter.problem(&start, &all)?;
+        patterns = problem.patterns(&start, 0.0)?;
     }
+    let state = problem.start(&start, 0.0, &patterns)?;
     // Pixels are selected by the pose, the blur and what hides the tag: again once these are known.
-    let first = fitter.solve(&problem, &start, FIRST_CONVERGENCE)?;
-    let start = first.as_start();
-    let patches = fitter.patches(&start.pose, &first.selections);
-    let problem = problem.with_patches(patches, (&start.pose, start.log_blur))?;
-    let second = fitter.solve(&problem, &start, 1.0)?;
+    let first = fitter.solve(&problem, state, config.first_convergence_cells, None)?;
+    let shown = fitter.shown(&problem, &first.state)?;
+    let patches = match fitter.keeps_pixels(&start, &first.state, &shown) {
+        true => problem.patches.iter().map(|own| own.patch.clone()).collect(),
+        false => fitter.patches(&first.state.pose, &shown.selections),
+    };
+    let state = problem.state_with(&first.state, &patches);
+    let at = (&first.state.pose, first.state.log_blur);
+    let problem = problem.with_patches(patches, at)?;
+    let second = fitter.solve(&problem, state?, config.convergence_cells, None)?;
     let other = fitter.other(&problem, &second);
     let (best, other) = match other {
         Some((other, excess)) if excess < 0.0 => (other, Some((second, -excess))),
         other => (second, other),
     };
+    let shown = fitter.shown(&problem, &best.state)?;
     let is_blurred = best.at.motion_cells > config.blurred_cells;
     let least_share = config.min_agreeing_share[usize::from(is_blurred)];
-    if best.wrong_bits > config.max_wrong_bits || best.agreeing_share < least_share {
+    if shown.wrong_bits > config.max_wrong_bits || shown.agreeing_share < least_share {
         return None;
     }
     let minimum = |(solution, excess_cost): (Solution, f64)| {
@@ -115,13 +123,36 @@ pub fn fit(
         reference_from_tag: best.state.pose,
         covariance: best.at.covariance(tag, config)?,
         rms_levels: best.at.rms_levels,
-        visible_share: best.visible_share,
-        wrong_bits: best.wrong_bits,
-        agreeing_share: best.agreeing_share,
+        visible_share: shown.visible_share,
+        wrong_bits: shown.wrong_bits,
+        agreeing_share: shown.agreeing_share,
         other: other
             .filter(|(_, excess)| *excess < config.max_excess_cost)
             .and_then(minimum),
     })
+}
+
+/// The pose of a tag that is known to a tenth of a cell, and of which these eyes show the whole:
+/// without a check of its code, and without a second pose.
+pub fn refine(
+    views: &[View<'_>],
+    tag: &Tag,
+    pose: &RigidTransform,
+    motion: &Motion,
+    config: &Config,
+) -> Option<RigidTransform> {
+    let fitter = Fitter {
+        views: views.len(),
+        windows: windows(views, tag, pose),
+        tag,
+        motion,
+        config,
+    };
+    let all = vec![Selection::all(tag, config); views.len()];
+    let problem = fitter.problem(pose, &all)?;
+    let state = problem.start(pose, 0.0, &problem.patterns(pose, 0.0)?)?;
+    let solution = fitter.solve(&problem, state, config.convergence_cells, None)?;
+    Some(solution.state.pose)
 }
 
 /// Pixels around a tag, of the eyes that see it.
@@ -142,42 +173,28 @@ struct Fitter<'a> {
     config: &'a Config,
 }
 
-/// Where a fit starts.
-struct Start {
-    pose: RigidTransform,
-    log_blur: f64,
-    tone: Option<f64>,
-}
-
-impl Start {
-    fn at(pose: RigidTransform) -> Self {
-        Self {
-            pose,
-            log_blur: 0.0,
-            tone: None,
-        }
-    }
-}
-
 /// A converged fit.
 struct Solution {
     state: State,
+    evaluation: Evaluation,
+    /// Of a pixel, levels.
+    noise: f64,
     at: Linearization,
-    /// What counts after it, by view.
+}
+
+/// What the eyes show of a tag.
+struct Shown {
+    /// What counts, by view.
     selections: Vec<Selection>,
     visible_share: Vec<f64>,
     wrong_bits: u32,
     agreeing_share: f64,
 }
 
-impl Solution {
-    fn as_start(&self) -> Start {
-        Start {
-            pose: self.state.pose,
-            log_blur: self.state.log_blur,
-            tone: Some(self.state.tone),
-        }
-    }
+/// Above which cost, for pixels with a noise, the fit of a second pose is given up.
+struct Limit {
+    cost: f64,
+    noise: f64,
 }
 
 impl<'a> Fitter<'a> {
@@ -191,16 +208,18 @@ impl<'a> Fitter<'a> {
     }
 
     /// Selected pixels near a start, and the pattern there; `None` if no eye shows enough.
-    fn problem(&self, start: &Start, selections: &[Selection]) -> Option<Problem<'a>> {
-        let patches = self.patches(&start.pose, selections);
-        let (tag, motion, config) = (self.tag, self.motion, self.config);
-        let at = (&start.pose, start.log_blur);
-        Problem::new(patches, tag, motion, config, at)
+    fn problem(&self, start: &RigidTransform, selections: &[Selection]) -> Option<Problem<'a>> {
+        let patches = self.patches(start, selections);
+        Problem::new(patches, self.tag, self.motion, self.config, (start, 0.0))
     }
 
     /// A start from which the fit converges, if this one is not.
-    fn align(&self, start: &RigidTransform, problem: &Problem<'_>) -> Option<RigidTransform> {
-        let patterns = problem.patterns(start, 0.0)?;
+    fn align(
+        &self,
+        start: &RigidTransform,
+        problem: &Problem<'_>,
+        patterns: &[Patterns],
+    ) -> Option<RigidTransform> {
         let correlations = patterns.iter().map(|of_patch| {
             let mut moments = Moments::default();
             for [pattern, level] in of_patch {
@@ -220,19 +239,38 @@ impl<'a> Fitter<'a> {
         Some(aligner.align(start))
     }
 
-    /// The pose near a start; `convergence` as a multiple of the configured one.
-    fn solve(&self, problem: &Problem<'_>, start: &Start, convergence: f64) -> Option<Solution> {
-        let patterns = problem.patterns(&start.pose, start.log_blur)?;
-        let mut state = problem.start(&start.pose, start.log_blur, &patterns)?;
-        state.tone = start.tone.unwrap_or(state.tone);
+    /// Whether the pixels that were selected at a start would hardly differ after the fit.
+    fn keeps_pixels(&self, start: &RigidTransform, state: &State, shown: &Shown) -> bool {
+        let moved = start.inverse() * state.pose;
+        let ([a, b, c], [x, y, z]) = (moved.rotation_vector(), moved.translation_m());
+        let is_hidden = |own: &Selection| own.is_hidden.contains(&true);
+        self.corner_motion([a, b, c, x, y, z]) < self.config.kept_cells
+            && state.log_blur.abs() < self.config.kept_log_blur
+            && !shown.selections.iter().any(is_hidden)
+    }
+
+    /// The pose near a state: converged when the corners move by less than some cells.
+    fn solve(
+        &self,
+        problem: &Problem<'_>,
+        mut state: State,
+        converged: f64,
+        limit: Option<Limit>,
+    ) -> Option<Solution> {
         let mut evaluation = problem.evaluate(&state)?;
         let mut noise = problem.noise(&evaluation);
         let mut at = problem.linearize(&state, &evaluation, noise);
         let mut damping = 1e-3;
-        let converged = convergence * self.config.convergence_cells;
         for _ in 0..self.config.max_iterations {
             let step = at.step(damping)?;
-            let motion = self.corner_motion(&step);
+            if let Some(limit) = &limit {
+                let scale = (noise / limit.noise).powi(2);
+                let lower = self.config.give_up_ratio * scale * at.decrease(&step);
+                if problem.cost(&evaluation, limit.noise) - lower > limit.cost {
+                    return None;
+                }
+            }
+            let motion = self.corner_motion(std::array::from_fn(|k| step[k]));
             let moved = state.after(&step)?;
             let least = problem.cost(&evaluation, noise);
             let next = problem.evaluate(&moved);
@@ -255,73 +293,72 @@ impl<'a> Fitter<'a> {
                 break;
             }
         }
-        self.solution(problem, state, at)
+        Some(Solution {
+            state,
+            evaluation,
+            noise,
+            at,
+        })
     }
 
     /// The solution with the tag tilted the other way, by the same pixels, and its cost above that
-    /// of the first one with the same noise; `None` if there is no second minimum.
+    /// of the first one with the same noise; `None` if there is no second minimum, or if its cost
+    /// is too high.
     fn other(&self, problem: &Problem<'_>, first: &Solution) -> Option<(Solution, f64)> {
         let eye_from_reference = problem.patches.first()?.patch.view.eye_from_reference;
         let start = mirrored(&(eye_from_reference * first.state.pose), [0.0; 3])?;
         let start = eye_from_reference.inverse() * start;
-        let evaluation = problem.evaluate(&first.state)?;
-        let noise = problem.noise(&evaluation);
-        let cost = |state: &State| Some(problem.cost(&problem.evaluate(state)?, noise));
-        let least = problem.cost(&evaluation, noise);
+        let cost = |evaluation: &Evaluation| problem.cost(evaluation, first.noise);
+        let least = cost(&first.evaluation);
         let at_start = State {
             pose: start,
             ..first.state.clone()
         };
-        if cost(&at_start)? - least > START_EXCESS * self.config.max_excess_cost {
+        let most = self.config.max_excess_cost;
+        if cost(&problem.evaluate(&at_start)?) - least > START_EXCESS * most {
             return None;
         }
-        let from = Start {
-            pose: start,
-            ..first.as_start()
+        let limit = Limit {
+            cost: least + most,
+            noise: first.noise,
         };
-        let other = self.solve(problem, &from, 1.0)?;
+        let converged = self.config.convergence_cells;
+        let other = self.solve(problem, at_start, converged, Some(limit))?;
         let between = first.state.pose.inverse() * other.state.pose;
         if between.angle_rad() < self.config.min_other_rad {
             return None;
         }
-        let excess = cost(&other.state)? - least;
+        let excess = cost(&other.evaluation) - least;
         Some((other, excess))
     }
 
-    /// The solution with what each eye sees of the tag.
-    fn solution(&self, problem: &Problem<'_>, state: State, at: Linearization) -> Option<Solution> {
-        let (tag, motion, pose) = (self.tag, self.motion, &state.pose);
-        let mut selections = vec![Selection::all(tag, self.config); self.views];
-        let mut visible_share = vec![0.0; self.views];
-        let (mut wrong_bits, mut agreeing_share) = (u32::MAX, 0.0);
+    /// What each eye shows of the tag at a state.
+    fn shown(&self, problem: &Problem<'_>, state: &State) -> Option<Shown> {
+        let (tag, motion) = (self.tag, self.motion);
+        let mut shown = Shown {
+            selections: vec![Selection::all(tag, self.config); self.views],
+            visible_share: vec![0.0; self.views],
+            wrong_bits: u32::MAX,
+            agreeing_share: 0.0,
+        };
         for (own, levels) in problem.patches.iter().zip(&state.levels) {
             let eye = own.patch.eye;
             let window = self.windows.iter().find(|own| own.eye == eye)?;
-            let tone = levels.tone(state.tone);
-            let light = |point: &PlanePoint| own.pattern(tag, point.at, state.log_blur).value;
-            let is_moving = own.blur.motion_cells() > self.config.blurred_cells;
-            let light = (light, (own.blur.own_share(), is_moving));
-            let cells = Cells::new(window, tag, pose, motion, (levels, &tone), light);
-            visible_share[eye] = cells.visible_share();
-            wrong_bits = wrong_bits.min(cells.wrong_bits(tag));
-            agreeing_share = cells.agreeing_share().max(agreeing_share);
-            selections[eye] = Selection {
+            let fitted = (state, levels);
+            let cells = Cells::new(window, own, tag, fitted, motion, self.config.blurred_cells);
+            shown.visible_share[eye] = cells.visible_share();
+            shown.wrong_bits = shown.wrong_bits.min(cells.wrong_bits(tag));
+            shown.agreeing_share = cells.agreeing_share().max(shown.agreeing_share);
+            shown.selections[eye] = Selection {
                 blur_px: self.config.blur_px * libm::exp(state.log_blur),
                 is_hidden: cells.is_hidden(),
             };
         }
-        Some(Solution {
-            state,
-            at,
-            selections,
-            visible_share,
-            wrong_bits,
-            agreeing_share,
-        })
+        Some(shown)
     }
 
     /// Motion of the corners by a step, cells.
-    fn corner_motion(&self, step: &DVector<f64>) -> f64 {
+    fn corner_motion(&self, step: [f64; 6]) -> f64 {
         let tilt = libm::hypot(step[0], step[1]);
         let turn = (TILT_SHARE * tilt + step[2].abs()) * self.tag.half_square_cells();
         let along = TILT_SHARE * step[5].abs();

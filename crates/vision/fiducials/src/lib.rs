@@ -11,6 +11,7 @@
 //! Nothing here knows sessions, shoes or gaits.
 
 mod align;
+mod batch;
 mod blur;
 mod cells;
 mod config;
@@ -33,10 +34,11 @@ mod template;
 #[cfg(test)]
 mod test_images;
 mod tone;
+mod vectors;
 mod view;
 
 pub use config::Config;
-pub use fit::{Fit, Minimum, fit};
+pub use fit::{Fit, Minimum, fit, refine};
 pub use locate::{LocateConfig, Place, locate};
 pub use planar_pose::{mirrored, poses_from_corners};
 pub use quadrilateral::QuadrilateralConfig;

@@ -9,15 +9,16 @@ use crate::blur::Blur;
 use crate::config::Config;
 use crate::levels::Levels;
 use crate::moments::Moments;
-use crate::patch::{Patch, Pixel};
-use crate::pattern::PatternSample;
+use crate::batch::{PixelBatch, Plane, PlaneBatch};
+use crate::patch::Patch;
 use crate::residuals::{
-    BLUR, Batch, Evaluation, LevelModel, OWN, Residuals, SHARED, Sums, TONE, robust_excess,
+    Accumulate, BLUR, Cost, Evaluate, Evaluation, LevelModel, OWN, Residuals, SHARED, TONE,
 };
 use crate::tag::Tag;
-use crate::template::Template;
+use crate::template::{PatternBatch, Template};
 use crate::tone::Tone;
-use crate::view::{Motion, PlanePoint, by_motion};
+use crate::vectors::{self, Kernel};
+use crate::view::Motion;
 
 /// Limits of the logarithm of the blur, and of the exponent of the tone curve.
 const LOG_BLUR_LIMIT: f64 = 1.5;
@@ -78,6 +79,11 @@ impl Linearization {
         Some(-hessian.cholesky()?.solve(&self.gradient))
     }
 
+    /// By how much a step lowers the cost, by the normal equations.
+    pub(crate) fn decrease(&self, step: &DVector<f64>) -> f64 {
+        -self.gradient.dot(step)
+    }
+
     /// Covariance of the pose: of the noise, and no better than the floor at the corners, since
     /// neighboring pixels share errors of the model.
     pub(crate) fn covariance(&self, tag: &Tag, config: &Config) -> Option<Matrix6<f64>> {
@@ -115,18 +121,40 @@ pub(crate) struct PatchModel<'a> {
 }
 
 impl PatchModel<'_> {
-    /// The pattern at a place of the tag's plane, with derivatives per metre.
-    pub(crate) fn pattern(&self, tag: &Tag, at: [f64; 2], log_blur: f64) -> PatternSample {
-        let per_m = 1.0 / tag.cell_m();
-        let mut sample = self.template.at(at.map(|v| v * per_m));
-        sample.value += (log_blur - self.log_blur) * sample.by_log_blur;
-        sample.gradient = sample.gradient.map(|v| v * per_m);
-        sample
+    /// Change of the logarithm of the blur from that of the template.
+    pub(crate) fn growth(&self, log_blur: f64) -> f32 {
+        (log_blur - self.log_blur) as f32
+    }
+
+    pub(crate) fn template(&self) -> &Template {
+        &self.template
     }
 }
 
 /// Patterns before the tone curve, and gray levels, of the pixels of a patch.
 pub(crate) type Patterns = Vec<[f32; 2]>;
+
+/// The pattern at the places of a batch of pixels; false if one of them does not show the front of
+/// the tag.
+pub(crate) struct Sample<'k> {
+    pub(crate) plane: &'k Plane,
+    pub(crate) template: &'k Template,
+    pub(crate) growth: f32,
+    pub(crate) pixels: &'k PixelBatch,
+    pub(crate) point: &'k mut PlaneBatch,
+    pub(crate) pattern: &'k mut PatternBatch,
+}
+
+impl Kernel for Sample<'_> {
+    type Output = bool;
+
+    #[inline(always)]
+    fn run(self) -> bool {
+        let is_front = self.plane.meet(self.pixels, self.point);
+        self.template.sample(self.point, self.growth, self.pattern);
+        is_front
+    }
+}
 
 impl<'a> Problem<'a> {
     /// Pixels of each eye near a pose, with patterns of its blur; `None` without pixels.
@@ -144,6 +172,18 @@ impl<'a> Problem<'a> {
             config,
         };
         none.with_patches(patches, at)
+    }
+
+    /// A state of this problem as one of other patches; `None` if one of them is of another eye.
+    pub(crate) fn state_with(&self, state: &State, patches: &[Patch<'_>]) -> Option<State> {
+        let levels = patches.iter().map(|patch| {
+            let place = self.patches.iter().position(|own| own.patch.eye == patch.eye)?;
+            Some(state.levels[place])
+        });
+        Some(State {
+            levels: levels.collect::<Option<_>>()?,
+            ..state.clone()
+        })
     }
 
     /// The problem with other pixels, with the patterns that still hold; `None` without pixels.
@@ -174,33 +214,32 @@ impl<'a> Problem<'a> {
         (!self.patches.is_empty()).then_some(self)
     }
 
-    /// Where the pixels of a patch meet the tag in a pose; fewer than all if one of them does not
-    /// show its front.
-    fn for_each(
-        &self,
-        own: &PatchModel<'_>,
-        pose: &RigidTransform,
-        mut each: impl FnMut(&Pixel, &PlanePoint),
-    ) {
-        own.patch.for_each(pose, self.motion, |pixel, row_pose| {
-            if let Some(point) = row_pose.meet(&pixel.ray) {
-                each(pixel, &point);
-            }
-        });
-    }
-
     /// Patterns by patch at a pose and the logarithm of a blur; `None` if a pixel does not show the
     /// front of the tag.
     pub(crate) fn patterns(&self, pose: &RigidTransform, log_blur: f64) -> Option<Vec<Patterns>> {
-        let of_patch = |own: &PatchModel<'_>| {
-            let mut patterns = Vec::with_capacity(own.patch.pixels.len());
-            self.for_each(own, pose, |pixel, point| {
-                let pattern = own.pattern(self.tag, point.at, log_blur);
-                patterns.push([pattern.value as f32, pixel.level as f32]);
-            });
-            (patterns.len() == own.patch.pixels.len()).then_some(patterns)
+        let (mut point, mut pattern) = (PlaneBatch::ZERO, PatternBatch::ZERO);
+        let mut of_patch = |own: &PatchModel<'_>| {
+            let pixels = &own.patch.pixels;
+            let plane = own.patch.plane(self.tag, pose, self.motion)?;
+            let mut patterns = Vec::with_capacity(pixels.count);
+            for (number, batch) in pixels.batches.iter().enumerate() {
+                let is_front = vectors::run(Sample {
+                    plane: &plane,
+                    template: &own.template,
+                    growth: own.growth(log_blur),
+                    pixels: batch,
+                    point: &mut point,
+                    pattern: &mut pattern,
+                });
+                if !is_front {
+                    return None;
+                }
+                let pairs = (0..pixels.count_of(number)).map(|k| [pattern.value[k], batch.level[k]]);
+                patterns.extend(pairs);
+            }
+            Some(patterns)
         };
-        self.patches.iter().map(of_patch).collect()
+        self.patches.iter().map(&mut of_patch).collect()
     }
 
     /// The state at a pose where patterns are known; `None` without contrast.
@@ -234,22 +273,15 @@ impl<'a> Problem<'a> {
     /// the front of the tag: with fewer residuals a state would have a lower cost.
     pub(crate) fn evaluate(&self, state: &State) -> Option<Evaluation> {
         let of_patch = |(own, levels): (&PatchModel<'_>, &Levels)| {
-            let model = LevelModel::new(levels, state.tone);
-            let mut residuals = Residuals::default();
-            self.for_each(own, &state.pose, |pixel, point| {
-                let pattern = own.pattern(self.tag, point.at, state.log_blur);
-                let [a, b] = by_motion(point);
-                let [x, y] = pattern.gradient;
-                let mut by_shared = [0.0; 7];
-                for n in 0..BLUR {
-                    by_shared[n] = (x * a[n] + y * b[n]) as f32;
-                }
-                by_shared[BLUR] = pattern.by_log_blur as f32;
-                let (residual, by) =
-                    model.residual(pattern.value as f32, by_shared, pixel.level as f32);
-                residuals.push(residual, &by);
-            });
-            (residuals.count == own.patch.pixels.len()).then_some(residuals)
+            let plane = own.patch.plane(self.tag, &state.pose, self.motion)?;
+            vectors::run(Evaluate {
+                pixels: &own.patch.pixels,
+                plane: &plane,
+                template: &own.template,
+                growth: own.growth(state.log_blur),
+                model: &LevelModel::new(levels, state.tone),
+                cell_m: self.tag.cell_m() as f32,
+            })
         };
         let patches = self.patches.iter().zip(&state.levels).map(of_patch);
         Some(Evaluation {
@@ -270,25 +302,25 @@ impl<'a> Problem<'a> {
     /// Noise of a pixel, levels: the spread of the residuals, and no less than the configured one.
     pub(crate) fn noise(&self, evaluation: &Evaluation) -> f64 {
         let residuals = evaluation.patches.iter().flat_map(Residuals::values);
-        let mut sizes: Vec<f32> = residuals.map(f32::abs).collect();
+        // Numbers that are not negative are in the order of their bits.
+        let mut sizes: Vec<u32> = residuals.map(|v| v.abs().to_bits()).collect();
         let middle = sizes.len() / 2;
-        let (_, median, _) = sizes.select_nth_unstable_by(middle, f32::total_cmp);
-        (SIGMA_BY_MEDIAN * f64::from(*median)).max(self.config.noise_levels)
+        let (_, median, _) = sizes.select_nth_unstable(middle);
+        let median = f64::from(f32::from_bits(*median));
+        (SIGMA_BY_MEDIAN * median).max(self.config.noise_levels)
     }
 
     /// Robust cost for pixels with this noise.
     pub(crate) fn cost(&self, evaluation: &Evaluation, noise: f64) -> f64 {
         let limit = self.config.robust_ratio;
         let by_limit = (1.0 / (noise * limit)) as f32;
-        let of_batch = |batch: &Batch| {
-            let excess = batch
-                .residuals
-                .map(|residual| robust_excess(residual * by_limit));
-            // The sum of the logarithms; gray levels keep the product finite.
-            libm::log(excess.into_iter().map(f64::from).product())
+        let of_patch = |residuals| {
+            vectors::run(Cost {
+                residuals,
+                by_limit,
+            })
         };
-        let batches = evaluation.patches.iter().flat_map(|patch| &patch.batches);
-        let of_pixels: f64 = batches.map(of_batch).sum();
+        let of_pixels: f64 = evaluation.patches.iter().map(of_patch).sum();
         let priors = evaluation.priors.iter();
         let of_priors: f64 = priors
             .map(|(_, deviation, sigma)| (deviation / sigma).powi(2))
@@ -308,7 +340,11 @@ impl<'a> Problem<'a> {
         let mut gradient = DVector::zeros(count);
         let (mut weights, mut squares) = (0.0, 0.0);
         for (patch, residuals) in evaluation.patches.iter().enumerate() {
-            let sums = Sums::new(residuals, noise, self.config.robust_ratio);
+            let sums = vectors::run(Accumulate {
+                residuals,
+                noise,
+                limit: self.config.robust_ratio,
+            });
             weights += sums.weights;
             squares += sums.squares;
             let place = |n: usize| if n < SHARED { n } else { n + 2 * patch };

@@ -13,6 +13,7 @@ use nalgebra::Vector3;
 use crate::blur::Blur;
 use crate::tag::Tag;
 use crate::template::Template;
+use crate::vectors;
 use crate::view::{Motion, View, pixel_axes};
 
 config! {
@@ -54,7 +55,54 @@ pub fn locate(
     (normal, reach_m): ([f64; 3], f64),
     config: &LocateConfig,
 ) -> Option<Place> {
-    let of_start = |start: &RigidTransform| {
+    let searches: Vec<Search<'_>> = starts
+        .iter()
+        .filter_map(|start| Search::new(view, tag, start, motion, reach_m, config))
+        .collect();
+    // The best candidates of all starts.
+    let mut candidates: Vec<(usize, Candidate)> = searches
+        .iter()
+        .enumerate()
+        .flat_map(|(n, search)| {
+            let own = search.coarse.candidates(&search.coarse_kernel, config);
+            own.into_iter().map(move |candidate| (n, candidate))
+        })
+        .collect();
+    candidates.sort_by(|a, b| b.1.correlation.total_cmp(&a.1.correlation));
+    candidates.truncate(config.candidates);
+    let refined = candidates.iter().filter_map(|(n, candidate)| {
+        let Search { region, kernel, .. } = &searches[*n];
+        Some((*n, region.best_near(kernel, candidate.pixel, config)?))
+    });
+    let (n, best) = refined.max_by(|a, b| a.1.correlation.total_cmp(&b.1.correlation))?;
+    let correlation = f64::from(best.correlation);
+    if correlation <= config.min_correlation {
+        return None;
+    }
+    Some(Place {
+        reference_from_tag: at_pixel(view, searches[n].start, normal, best.pixel)?,
+        correlation,
+    })
+}
+
+/// A search around one start: in pixels of the least size, and of twice that.
+struct Search<'s> {
+    start: &'s RigidTransform,
+    kernel: Kernel,
+    region: Region,
+    coarse_kernel: Kernel,
+    coarse: Region,
+}
+
+impl<'s> Search<'s> {
+    fn new(
+        view: &View<'_>,
+        tag: &Tag,
+        start: &'s RigidTransform,
+        motion: &Motion,
+        reach_m: f64,
+        config: &LocateConfig,
+    ) -> Option<Self> {
         let axes = pixel_axes(view, start, motion)?.map(|axis| axis.map(|v| v / tag.cell_m()));
         let [x, y] = axes;
         let px_per_cell = 1.0 / (x[0] * y[1] - x[1] * y[0]).abs().max(1e-9).sqrt();
@@ -67,18 +115,21 @@ pub fn locate(
         };
         let (coarse_kernel, coarse) = around(2 * factor)?;
         let (kernel, region) = around(factor)?;
-        let (pixel, correlation) = (coarse.candidates(&coarse_kernel, config).into_iter())
-            .filter_map(|pixel| region.best_near(&kernel, pixel, config))
-            .max_by(|a, b| a.1.total_cmp(&b.1))?;
-        let reference_from_tag = at_pixel(view, start, normal, pixel)?;
-        Some(Place {
-            reference_from_tag,
-            correlation,
+        Some(Self {
+            start,
+            kernel,
+            region,
+            coarse_kernel,
+            coarse,
         })
-    };
-    let places = starts.iter().filter_map(of_start);
-    let good = places.filter(|place| place.correlation > config.min_correlation);
-    good.max_by(|a, b| a.correlation.total_cmp(&b.correlation))
+    }
+}
+
+/// A pixel of the image at which the pattern may be.
+#[derive(Clone, Copy, Debug)]
+struct Candidate {
+    pixel: [f64; 2],
+    correlation: f32,
 }
 
 /// A pose moved in a plane to where a pixel shows its origin.
@@ -237,25 +288,42 @@ impl Region {
 
     /// The pixels of the image at which the pattern correlates best, the best one of some around
     /// each.
-    fn candidates(&self, kernel: &Kernel, config: &LocateConfig) -> Vec<[f64; 2]> {
+    fn candidates(&self, kernel: &Kernel, config: &LocateConfig) -> Vec<Candidate> {
         let Some([columns, rows]) = self.places(kernel) else {
             return Vec::new();
         };
+        if columns.is_empty() {
+            return Vec::new();
+        }
         // The best place of each square of places.
-        const SQUARE: isize = 3;
-        let mut best = Vec::new();
-        for top in rows.clone().step_by(SQUARE as usize) {
-            for left in columns.clone().step_by(SQUARE as usize) {
-                let square = (top..(top + SQUARE).min(rows.end)).flat_map(|row| {
-                    (left..(left + SQUARE).min(columns.end)).map(move |column| [column, row])
-                });
-                let scores = square.map(|at| (at, self.correlation(kernel, at, config)));
-                best.extend(scores.max_by(|a, b| a.1.total_cmp(&b.1)));
+        const SQUARE: usize = 3;
+        let width = (columns.end - columns.start) as usize;
+        let mut correlations = vec![0.0; width];
+        let mut best: Vec<(f32, [isize; 2])> = Vec::new();
+        let mut found = Vec::new();
+        for (n, row) in rows.clone().enumerate() {
+            self.correlate::<32>(kernel, (&columns, row), config, &mut correlations);
+            if n % SQUARE == 0 {
+                best.clear();
+                best.resize(width.div_ceil(SQUARE), (f32::NEG_INFINITY, [0, 0]));
+            }
+            for (best, (k, part)) in best.iter_mut().zip(correlations.chunks(SQUARE).enumerate()) {
+                for (n, correlation) in part.iter().enumerate() {
+                    if *correlation > best.0 {
+                        let column = columns.start + (k * SQUARE + n) as isize;
+                        *best = (*correlation, [column, row]);
+                    }
+                }
+            }
+            if n % SQUARE == SQUARE - 1 || row + 1 == rows.end {
+                let some = best.iter().filter(|(correlation, _)| *correlation > 0.0);
+                found.extend(some.map(|(correlation, at)| Candidate {
+                    pixel: self.pixel(*at),
+                    correlation: *correlation,
+                }));
             }
         }
-        best.sort_by(|a, b| b.1.total_cmp(&a.1));
-        best.truncate(config.candidates);
-        best.into_iter().map(|(at, _)| self.pixel(at)).collect()
+        found
     }
 
     /// The pixel near another one at which the pattern correlates best, and its correlation.
@@ -264,7 +332,7 @@ impl Region {
         kernel: &Kernel,
         near: [f64; 2],
         config: &LocateConfig,
-    ) -> Option<([f64; 2], f64)> {
+    ) -> Option<Candidate> {
         const AROUND: isize = 2;
         let [columns, rows] = self.places(kernel)?;
         let middle = 0.5 * (self.factor as f64 - 1.0);
@@ -275,12 +343,25 @@ impl Region {
         let near = |place: isize, of: &Range<isize>| {
             (place - AROUND).max(of.start)..(place + AROUND + 1).min(of.end)
         };
-        let columns = near(column, &columns);
-        let places =
-            near(row, &rows).flat_map(|row| columns.clone().map(move |column| [column, row]));
-        let scores = places.map(|at| (at, self.correlation(kernel, at, config)));
-        let (at, correlation) = scores.max_by(|a, b| a.1.total_cmp(&b.1))?;
-        Some((self.pixel(at), f64::from(correlation)))
+        let (columns, rows) = (near(column, &columns), near(row, &rows));
+        if columns.is_empty() {
+            return None;
+        }
+        let mut correlations = vec![0.0; (columns.end - columns.start) as usize];
+        let mut best: Option<(f32, [isize; 2])> = None;
+        for row in rows {
+            self.correlate::<8>(kernel, (&columns, row), config, &mut correlations);
+            for (column, correlation) in columns.clone().zip(&correlations) {
+                if best.is_none_or(|best| *correlation > best.0) {
+                    best = Some((*correlation, [column, row]));
+                }
+            }
+        }
+        let (correlation, at) = best?;
+        Some(Candidate {
+            pixel: self.pixel(at),
+            correlation,
+        })
     }
 
     /// Columns and rows at which the whole pattern is in the region.
@@ -299,46 +380,82 @@ impl Region {
         [0, 1].map(|k| self.from[k] as f64 + at[k] as f64 * self.factor as f64 + middle)
     }
 
-    fn correlation(
+    /// Correlations at consecutive columns of a row of places.
+    fn correlate<const COLUMNS: usize>(
         &self,
         kernel: &Kernel,
-        [column, row]: [isize; 2],
+        (columns, row): (&Range<isize>, isize),
         config: &LocateConfig,
-    ) -> f32 {
-        let least = (config.min_deviation_levels * config.min_deviation_levels) as f32;
-        let (mut product, mut sum, mut squares) = (0.0, 0.0, 0.0);
-        let width = self.size[0];
-        for own in &kernel.rows {
-            let row = (row + own.row) as usize;
-            let begin = (column + own.column) as usize;
-            let end = begin + own.values.len();
-            let levels = &self.levels[row * width..][begin..end];
-            product += dot(levels, &own.values);
-            let sums = &self.sums[row * (width + 1)..];
-            sum += sums[end][0] - sums[begin][0];
-            squares += sums[end][1] - sums[begin][1];
-        }
-        let spread = squares - sum * sum / kernel.count;
-        match spread > least * kernel.count {
-            true => product / (spread * kernel.squares).sqrt(),
-            false => 0.0,
-        }
+        correlations: &mut [f32],
+    ) {
+        vectors::run(Correlate::<'_, COLUMNS> {
+            region: self,
+            kernel,
+            first: [columns.start, row],
+            least: (config.min_deviation_levels * config.min_deviation_levels) as f32,
+            correlations,
+        });
     }
 }
 
-/// Product of two rows, in parts that processors add together.
-fn dot(a: &[f32], b: &[f32]) -> f32 {
-    const LANES: usize = 8;
-    let mut lanes = [0.0; LANES];
-    let (a_parts, b_parts) = (a.chunks_exact(LANES), b.chunks_exact(LANES));
-    let rest = a_parts.remainder().iter().zip(b_parts.remainder());
-    let rest: f32 = rest.map(|(a, b)| a * b).sum();
-    for (a, b) in a_parts.zip(b_parts) {
-        for k in 0..LANES {
-            lanes[k] += a[k] * b[k];
+/// See [`Region::correlate`]: this number of columns is computed together.
+struct Correlate<'k, const COLUMNS: usize> {
+    region: &'k Region,
+    kernel: &'k Kernel,
+    first: [isize; 2],
+    least: f32,
+    correlations: &'k mut [f32],
+}
+
+impl<const COLUMNS: usize> vectors::Kernel for Correlate<'_, COLUMNS> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        let [first, row] = self.first;
+        let mut at = first;
+        for part in self.correlations.chunks_mut(COLUMNS) {
+            // What lies beyond the last column is read where the image has it, and not used.
+            let (mut products, mut sums, mut squares) =
+                ([0.0_f32; COLUMNS], [0.0_f32; COLUMNS], [0.0_f32; COLUMNS]);
+            for own in &self.kernel.rows {
+                let row = (row + own.row) as usize;
+                let begin = (at + own.column) as usize;
+                let width = self.region.size[0];
+                let levels = &self.region.levels[row * width + begin..];
+                for (k, value) in own.values.iter().enumerate() {
+                    match levels[k..].first_chunk::<COLUMNS>() {
+                        Some(levels) => {
+                            for n in 0..COLUMNS {
+                                products[n] += value * levels[n];
+                            }
+                        }
+                        None => {
+                            for n in 0..part.len() {
+                                products[n] += value * levels[k + n];
+                            }
+                        }
+                    }
+                }
+                let ends = &self.region.sums[row * (width + 1) + begin..];
+                let count = own.values.len();
+                for n in 0..part.len() {
+                    let ([a, aa], [b, bb]) = (ends[n], ends[n + count]);
+                    sums[n] += b - a;
+                    squares[n] += bb - aa;
+                }
+            }
+            let count = self.kernel.count;
+            for (n, correlation) in part.iter_mut().enumerate() {
+                let spread = squares[n] - sums[n] * sums[n] / count;
+                *correlation = match spread > self.least * count {
+                    true => products[n] / (spread * self.kernel.squares).sqrt(),
+                    false => 0.0,
+                };
+            }
+            at += COLUMNS as isize;
         }
     }
-    lanes.iter().sum::<f32>() + rest
 }
 
 #[cfg(test)]

@@ -1,12 +1,13 @@
 //! Pixels of an eye near a tag.
 
 use cad_transforms::RigidTransform;
-use nalgebra::Vector3;
 
+use crate::batch::{BATCH, Lane, Pixel, PixelBatch, Pixels, Plane, PlaneBatch};
 use crate::blur::Blur;
 use crate::config::Config;
 use crate::tag::Tag;
-use crate::view::{Motion, PlanePoint, Rays, RowPose, RowPoses, View, pixel_area, window};
+use crate::vectors::{self, Kernel};
+use crate::view::{Motion, Rays, RowPoses, View, pixel_area, window};
 
 /// Distance of the pixels that count from what is around the tag, in sigmas of the blur, besides
 /// half of the motion during the exposure.
@@ -25,16 +26,7 @@ pub(crate) struct Patch<'a> {
     /// Index of the view.
     pub(crate) eye: usize,
     pub(crate) view: View<'a>,
-    pub(crate) pixels: Vec<Pixel>,
-}
-
-/// A pixel and its ray.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Pixel {
-    /// Ray of length 1 along the optical axis.
-    pub(crate) ray: Vector3<f64>,
-    pub(crate) row: usize,
-    pub(crate) level: f64,
+    pub(crate) pixels: Pixels,
 }
 
 /// What of a tag counts in an eye.
@@ -56,11 +48,12 @@ impl Selection {
     }
 }
 
-/// The cell at a place of the plane, row by row with margins.
-pub(crate) fn cell_at(tag: &Tag, at: [f64; 2]) -> Option<usize> {
-    let inside = 0.0..tag.cells() as f64;
-    let [x, y] = at.map(|v| v / tag.cell_m() + tag.half_cells());
-    (inside.contains(&x) && inside.contains(&y)).then(|| y as usize * tag.cells() + x as usize)
+/// The cell at a place of the plane, cells about the middle, row by row with margins.
+#[inline(always)]
+pub(crate) fn cell_at(tag: &Tag, at: [f32; 2]) -> usize {
+    let (half, last) = (tag.half_cells() as f32, tag.cells() - 1);
+    let [x, y] = [(at[0] + half) as usize, (at[1] + half) as usize];
+    y.min(last) * tag.cells() + x.min(last)
 }
 
 /// Pixels of an eye around a tag.
@@ -71,7 +64,7 @@ pub(crate) struct Window<'a> {
     pub(crate) view: View<'a>,
     from: [usize; 2],
     size: [usize; 2],
-    pixels: Vec<Pixel>,
+    pixels: Pixels,
 }
 
 impl<'a> Window<'a> {
@@ -83,14 +76,14 @@ impl<'a> Window<'a> {
     ) -> Option<Self> {
         let (from, size) = window(view, tag, pose, MARGIN_PX)?;
         let rays = Rays::new(view.lens, from, size)?;
-        let mut pixels = Vec::with_capacity(size[0] * size[1]);
+        let mut pixels = Pixels::with_capacity(size[0] * size[1]);
         for row in from[1]..from[1] + size[1] {
-            let levels = &view.image.row(row)[from[0]..][..size[0]];
-            for (column, level) in (from[0]..).zip(levels) {
-                let ray = rays.at(column, row);
-                let level = f64::from(*level);
+            let mut levels = view.image.row(row)[from[0]..][..size[0]].iter();
+            rays.for_row(row, size[0], |ray| {
+                let level = levels.next().map_or(0.0, |level| f32::from(*level));
+                let row = row as f32;
                 pixels.push(Pixel { ray, row, level });
-            }
+            });
         }
         Some(Self {
             eye,
@@ -111,24 +104,94 @@ impl<'a> Window<'a> {
         is_inside(0) && is_inside(1)
     }
 
-    /// Calls `each` with every pixel that meets the plane of a tag, the index of its column, and
-    /// where it does.
-    pub(crate) fn for_each(
+    /// Stride with which no more than a number of pixels of the tag, with its margin, remain.
+    pub(crate) fn stride(&self, most: usize) -> usize {
+        self.pixels.count.div_ceil(most).max(1)
+    }
+
+    /// Pixels that meet the plane of a tag nearer to its middle than some cells along both axes:
+    /// every `stride`th one, evenly spread. `each` says of each of them and the place where it
+    /// meets the plane, cells, whether it counts.
+    pub(crate) fn near(
         &self,
-        pose: &RigidTransform,
-        motion: &Motion,
-        mut each: impl FnMut(&Pixel, usize, &PlanePoint),
-    ) {
-        let ends = [self.from[1], self.from[1] + self.size[1] - 1];
-        let poses = RowPoses::new(&self.view, pose, motion, ends);
-        for row in self.pixels.chunks_exact(self.size[0]) {
-            let row_pose = poses.at(row[0].row);
-            for (column, pixel) in row.iter().enumerate() {
-                if let Some(point) = row_pose.meet(&pixel.ray) {
-                    each(pixel, column, &point);
+        tag: &Tag,
+        (pose, motion): (&RigidTransform, &Motion),
+        most: [f64; 2],
+        stride: usize,
+        mut counts: impl FnMut([f32; 2]) -> bool,
+    ) -> Pixels {
+        let mut near = Pixels::with_capacity(self.pixels.count / stride);
+        let plane = plane(&self.view, tag, (pose, motion), &self.pixels);
+        let Some(plane) = plane.filter(Plane::shows_front) else {
+            return near;
+        };
+        let most = most.map(|most| most as f32);
+        // Columns of the window after the next pixel that counts, modulo the stride.
+        let (mut column, mut phase) = (0, (COLUMNS_PER_ROW * self.from[1]) % stride);
+        let (mut row_phase, mut point) = (phase, PlaneBatch::ZERO);
+        for (number, pixels) in self.pixels.batches.iter().enumerate() {
+            let mut is_near = [0_u32; BATCH];
+            let any = vectors::run(Near {
+                plane: &plane,
+                pixels,
+                most,
+                point: &mut point,
+                is_near: &mut is_near,
+            });
+            for k in 0..self.pixels.count_of(number) {
+                let is_next = phase == 0;
+                (column, phase) = (column + 1, phase + 1);
+                if phase == stride {
+                    phase = 0;
+                }
+                if column == self.size[0] {
+                    column = 0;
+                    row_phase = (row_phase + COLUMNS_PER_ROW) % stride;
+                    phase = row_phase;
+                }
+                if any && is_next && is_near[k] != 0 && counts([point.x[k], point.y[k]]) {
+                    near.push(pixels.pixel(k));
                 }
             }
         }
+        near
+    }
+}
+
+/// The plane of a tag as some pixels see it; `None` without pixels.
+pub(crate) fn plane(
+    view: &View<'_>,
+    tag: &Tag,
+    (pose, motion): (&RigidTransform, &Motion),
+    pixels: &Pixels,
+) -> Option<Plane> {
+    let poses = RowPoses::new(view, pose, motion, pixels.rows()?);
+    Some(Plane::new(&poses, tag.cell_m()))
+}
+
+/// Which pixels of a batch meet a plane near its middle, and whether any do.
+struct Near<'k> {
+    plane: &'k Plane,
+    pixels: &'k PixelBatch,
+    most: [f32; 2],
+    point: &'k mut PlaneBatch,
+    is_near: &'k mut [u32; BATCH],
+}
+
+impl Kernel for Near<'_> {
+    type Output = bool;
+
+    #[inline(always)]
+    fn run(self) -> bool {
+        self.plane.meet(self.pixels, self.point);
+        let (x, y): (&Lane, &Lane) = (&self.point.x, &self.point.y);
+        let mut count = 0;
+        for k in 0..BATCH {
+            let near = u32::from(x[k].abs() < self.most[0]) & u32::from(y[k].abs() < self.most[1]);
+            self.is_near[k] = near;
+            count += near;
+        }
+        count > 0
     }
 }
 
@@ -147,20 +210,14 @@ impl<'a> Patch<'a> {
         let most = Blur::new(view, tag, pose, motion, selection.blur_px)?
             .reach_cells(AROUND_SIGMAS)
             .map(|reach| (1.0 - reach).max(MIN_AROUND_CELLS))
-            .map(|around| (tag.half_square_cells() + around) * tag.cell_m());
-        let expected = 4.0 * most[0] * most[1] / area;
+            .map(|around| tag.half_square_cells() + around);
+        let expected = 4.0 * most[0] * most[1] * tag.cell_m() * tag.cell_m() / area;
         // Of a large tag, pixels that are evenly spread.
         let stride = ((expected / config.max_pixels as f64).ceil() as usize).max(1);
-        let mut pixels = Vec::new();
-        window.for_each(pose, motion, |pixel, column, point| {
-            let counts = (column + COLUMNS_PER_ROW * pixel.row).is_multiple_of(stride)
-                && point.at.iter().zip(most).all(|(v, most)| v.abs() < most)
-                && cell_at(tag, point.at).is_some_and(|cell| !selection.is_hidden[cell]);
-            if counts {
-                pixels.push(*pixel);
-            }
+        let pixels = window.near(tag, (pose, motion), most, stride, |at| {
+            !selection.is_hidden[cell_at(tag, at)]
         });
-        let is_enough = (stride * pixels.len()) as f64 > config.min_share * expected;
+        let is_enough = (stride * pixels.count) as f64 > config.min_share * expected;
         is_enough.then_some(Self {
             eye: window.eye,
             view: *view,
@@ -168,25 +225,13 @@ impl<'a> Patch<'a> {
         })
     }
 
-    /// Calls `each` with every pixel and the pose of its row.
-    pub(crate) fn for_each(
+    /// The plane of a tag as the pixels see it; `None` without pixels.
+    pub(crate) fn plane(
         &self,
+        tag: &Tag,
         pose: &RigidTransform,
         motion: &Motion,
-        mut each: impl FnMut(&Pixel, &RowPose),
-    ) {
-        let [Some(first), Some(last)] = [self.pixels.first(), self.pixels.last()] else {
-            return;
-        };
-        let poses = RowPoses::new(&self.view, pose, motion, [first.row, last.row]);
-        let mut row = first.row;
-        let mut row_pose = poses.at(row);
-        for pixel in &self.pixels {
-            if pixel.row != row {
-                row = pixel.row;
-                row_pose = poses.at(row);
-            }
-            each(pixel, &row_pose);
-        }
+    ) -> Option<Plane> {
+        plane(&self.view, tag, (pose, motion), &self.pixels)
     }
 }

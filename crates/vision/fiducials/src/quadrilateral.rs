@@ -12,6 +12,9 @@ config! {
         pub max_distance_px: f64 = 1.5,
         /// Minimum share of boundary points that count.
         pub min_share: f64 = 0.8,
+        /// Minimum share of boundary points within twice that distance of the sides through the
+        /// outermost points, from which sides are fitted.
+        pub min_first_share: f64 = 0.5,
         /// Minimum length of a side, px.
         pub min_side_px: f64 = 6.0,
         /// Maximum ratio of two sides.
@@ -36,9 +39,14 @@ pub(crate) fn around(region: &Region, config: &QuadrilateralConfig) -> Option<[P
     let boundary = boundary(region);
     let mut corners = extremes(&boundary)?;
     let mut owners = Vec::with_capacity(boundary.len());
-    for _ in 0..config.rounds {
+    for round in 0..config.rounds {
         let sides = sides(&boundary, &corners, config, &mut owners)?;
         corners = [3, 0, 1, 2].map(|k: usize| intersection(&sides[k], &sides[(k + 1) % 4]));
+        let near = || owners.iter().filter(|owner| **owner < NO_SIDE).count();
+        let least = config.min_first_share * boundary.len() as f64;
+        if round == 0 && (near() as f64) < least {
+            return None;
+        }
         if corners.iter().flatten().any(|v| !v.is_finite()) {
             return None;
         }

@@ -4,9 +4,11 @@
 //! them the pattern and its derivatives are interpolated linearly. That widens the blur by the
 //! variance of a triangle, h^2/6 for a step h, which the table has less.
 
+use crate::batch::{BATCH, Lane, PlaneBatch};
 use crate::blur::Blur;
 use crate::pattern::{PatternSample, Shares};
 use crate::tag::Tag;
+use crate::vectors::{self, Kernel};
 
 /// Entries per sigma of the blur, and limits of entries per cell.
 const PER_SIGMA: f64 = 2.0;
@@ -85,12 +87,97 @@ impl Template {
     }
 }
 
+/// The pattern where a batch of pixels meets the plane of a tag: value, gradient per cell, and
+/// derivative by the logarithm of the blur.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct PatternBatch {
+    pub(crate) value: Lane,
+    pub(crate) x: Lane,
+    pub(crate) y: Lane,
+    pub(crate) by_log_blur: Lane,
+}
+
+impl PatternBatch {
+    pub(crate) const ZERO: Self = Self {
+        value: [0.0; BATCH],
+        x: [0.0; BATCH],
+        y: [0.0; BATCH],
+        by_log_blur: [0.0; BATCH],
+    };
+}
+
+impl Template {
+    /// The pattern at the places of a batch, as [`Template::at`], and where the logarithm of the
+    /// blur is larger by `growth`.
+    #[inline(always)]
+    pub(crate) fn sample(&self, points: &PlaneBatch, growth: f32, to: &mut PatternBatch) {
+        let last = (self.side - 2) as f32;
+        let (half, per_cell) = (self.half_cells as f32, self.per_cell as f32);
+        let (mut columns, mut rows) = ([0_i32; BATCH], [0_i32; BATCH]);
+        let (mut across, mut down) = ([0.0_f32; BATCH], [0.0_f32; BATCH]);
+        for k in 0..BATCH {
+            let x = (points.x[k] + half) * per_cell;
+            let y = (points.y[k] + half) * per_cell;
+            let (column, row) = (x.max(0.0).min(last) as i32, y.max(0.0).min(last) as i32);
+            across[k] = (x - column as f32).max(0.0).min(1.0);
+            down[k] = (y - row as f32).max(0.0).min(1.0);
+            (columns[k], rows[k]) = (column, row);
+        }
+        let mut texels = [[0.0_f32; 4]; BATCH];
+        for k in 0..BATCH {
+            let at = rows[k] as usize * self.side + columns[k] as usize;
+            let top = &self.texels[at..at + 2];
+            let bottom = &self.texels[at + self.side..at + self.side + 2];
+            let top = mix(&top[0], &top[1], across[k]);
+            let bottom = mix(&bottom[0], &bottom[1], across[k]);
+            texels[k] = mix(&top, &bottom, down[k]);
+        }
+        for k in 0..BATCH {
+            let [value, x, y, by_log_blur] = texels[k];
+            to.value[k] = value + growth * by_log_blur;
+            (to.x[k], to.y[k], to.by_log_blur[k]) = (x, y, by_log_blur);
+        }
+    }
+}
+
+#[inline(always)]
 fn mix(a: &Texel, b: &Texel, t: f32) -> Texel {
     let mut mix = *a;
     for k in 0..4 {
         mix[k] += (b[k] - a[k]) * t;
     }
     mix
+}
+
+/// Adds a row of cells to a row of the table, with the shares of the row of cells there.
+struct AddRow<'k> {
+    /// Value, derivative by x, and by blur across.
+    row: &'k [Vec<f32>; 3],
+    shares: [f32; 3],
+    lens_share: f32,
+    sums: &'k mut [Vec<f32>; 4],
+}
+
+impl Kernel for AddRow<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        let [values, slopes, growths] = self.row;
+        let [value, slope, growth] = self.shares;
+        let [to_value, to_x, to_y, to_growth] = self.sums;
+        let count = values.len();
+        let (slopes, growths) = (&slopes[..count], &growths[..count]);
+        let (to_value, to_x) = (&mut to_value[..count], &mut to_x[..count]);
+        let (to_y, to_growth) = (&mut to_y[..count], &mut to_growth[..count]);
+        let (down, across) = (growth * self.lens_share, value * self.lens_share);
+        for k in 0..count {
+            to_value[k] += value * values[k];
+            to_x[k] += value * slopes[k];
+            to_y[k] += slope * values[k];
+            to_growth[k] += across * growths[k] + down * values[k];
+        }
+    }
 }
 
 /// The pattern without motion, on a larger grid.
@@ -118,35 +205,38 @@ impl Grid {
             let phase = from_begin.rem_euclid(step) as usize;
             (from_begin.div_euclid(step), &phases[axis][phase])
         };
-        // By row of cells: value, derivative by x, value, derivative by blur across.
-        let mut rows = vec![vec![[0.0_f32; 4]; count[0]]; tag.cells()];
-        for k in 0..count[0] {
-            let (cell, shares) = place(0, k);
-            for (column, shares) in shares.cells(cell, tag) {
-                let [value, slope, growth] = shares.map(|v| v as f32);
-                for (row, texels) in rows.iter_mut().enumerate() {
-                    let white = tag.whites(row)[column];
-                    let of_cell = [value, slope, value, growth];
-                    for kind in 0..4 {
-                        texels[k][kind] += white * of_cell[kind];
+        // By row of cells: value, derivative by x, and by blur across.
+        let mut rows = vec![[const { Vec::new() }; 3]; tag.cells()];
+        for (row, along) in rows.iter_mut().enumerate() {
+            *along = std::array::from_fn(|_| vec![0.0_f32; count[0]]);
+            let whites = tag.whites(row);
+            for k in 0..count[0] {
+                let (cell, shares) = place(0, k);
+                for (column, shares) in shares.cells(cell, tag) {
+                    for (along, share) in along.iter_mut().zip(shares) {
+                        along[k] += whites[column] * share as f32;
                     }
                 }
             }
         }
         let mut texels = vec![[0.0; 4]; count[0] * count[1]];
         let lens_share = blur.lens_share as f32;
+        let mut sums: [Vec<f32>; 4] = std::array::from_fn(|_| vec![0.0; count[0]]);
         for (k, row) in texels.chunks_exact_mut(count[0]).enumerate() {
+            for sums in &mut sums {
+                sums.fill(0.0);
+            }
             let (cell, shares) = place(1, k);
             for (of_row, shares) in shares.cells(cell, tag) {
-                let [value, slope, growth] = shares.map(|v| v as f32);
-                let by_kind = [value, value, slope, value * lens_share];
-                let by_value = [0.0, 0.0, 0.0, growth * lens_share];
-                for (texel, of_cells) in row.iter_mut().zip(&rows[of_row][..count[0]]) {
-                    for kind in 0..4 {
-                        let growth = by_value[kind] * of_cells[0];
-                        texel[kind] += by_kind[kind] * of_cells[kind] + growth;
-                    }
-                }
+                vectors::run(AddRow {
+                    row: &rows[of_row],
+                    shares: shares.map(|v| v as f32),
+                    lens_share,
+                    sums: &mut sums,
+                });
+            }
+            for (k, texel) in row.iter_mut().enumerate() {
+                *texel = std::array::from_fn(|kind| sums[kind][k]);
             }
         }
         Self {

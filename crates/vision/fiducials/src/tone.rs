@@ -1,6 +1,8 @@
 //! The tone curve between black and white.
 
-/// Entries of the table.
+use crate::batch::{BATCH, Lane};
+
+/// Entries of the table, a power of two.
 const ENTRIES: usize = 32;
 
 /// Gray level as a share of the contrast between black and white, by light as such a share: gray
@@ -28,6 +30,45 @@ impl Tone {
         let k = (place as usize).min(ENTRIES - 1);
         let (a, b) = (self.table[k], self.table[k + 1]);
         (a + (b - a) * (place - k as f32), (b - a) * ENTRIES as f32)
+    }
+}
+
+/// Two curves that are read at the same places.
+#[derive(Clone, Debug)]
+pub(crate) struct TonePair {
+    /// Gray level at the begin of an interval and its change to the end: of the first curve, then
+    /// of the second.
+    table: [[f32; 4]; ENTRIES],
+}
+
+impl TonePair {
+    pub(crate) fn new(first: &Tone, second: &Tone) -> Self {
+        let of = |tone: &Tone, k: usize| [tone.table[k], tone.table[k + 1] - tone.table[k]];
+        Self {
+            table: std::array::from_fn(|k| {
+                let ([a, b], [c, d]) = (of(first, k), of(second, k));
+                [a, b, c, d]
+            }),
+        }
+    }
+
+    /// Gray levels and their derivatives by the first curve, and gray levels by the second one, at
+    /// shares of the light.
+    #[inline(always)]
+    pub(crate) fn at(&self, light: &Lane, [levels, slopes, others]: [&mut Lane; 3]) {
+        let (mut index, mut share) = ([0_i32; BATCH], [0.0_f32; BATCH]);
+        for k in 0..BATCH {
+            let place = light[k].max(0.0).min(1.0) * ENTRIES as f32;
+            let begin = (place as i32).min(ENTRIES as i32 - 1);
+            share[k] = place - begin as f32;
+            index[k] = begin;
+        }
+        for k in 0..BATCH {
+            let [a, by, other, other_by] = self.table[index[k] as usize & (ENTRIES - 1)];
+            levels[k] = a + by * share[k];
+            slopes[k] = by * ENTRIES as f32;
+            others[k] = other + other_by * share[k];
+        }
     }
 }
 

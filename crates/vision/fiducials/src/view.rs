@@ -87,7 +87,23 @@ impl RowPoses {
         }
     }
 
+    /// Rays of the eye in the frame of the tag, and the eye there, in the first row.
+    pub(crate) fn first(&self) -> (&Matrix3<f64>, &Vector3<f64>) {
+        (&self.first.tag_from_eye, &self.first.eye_in_tag)
+    }
+
+    /// Change of these per row.
+    pub(crate) fn by_row(&self) -> (&Matrix3<f64>, &Vector3<f64>) {
+        (&self.tag_from_eye, &self.eye_in_tag)
+    }
+
+    /// The first row.
+    pub(crate) fn first_row(&self) -> f64 {
+        self.first_row
+    }
+
     /// The pose in a row.
+    #[cfg(test)]
     pub(crate) fn at(&self, row: usize) -> RowPose {
         let rows = row as f64 - self.first_row;
         RowPose {
@@ -161,7 +177,6 @@ pub(crate) fn by_motion(point: &PlanePoint) -> [[f64; 6]; 2] {
 pub(crate) struct Rays {
     nodes: Vec<[f64; 2]>,
     columns: usize,
-    left: usize,
     top: usize,
 }
 
@@ -183,26 +198,29 @@ impl Rays {
         Some(Self {
             nodes,
             columns,
-            left,
             top,
         })
     }
 
-    /// Ray of a pixel, of length 1 along the optical axis.
-    pub(crate) fn at(&self, column: usize, row: usize) -> Vector3<f64> {
-        let split = |v: usize| (v / NODE_PX, (v % NODE_PX) as f64 / NODE_PX as f64);
-        let ((i, s), (j, t)) = (split(column - self.left), split(row - self.top));
-        let node = |i: usize, j: usize| self.nodes[j * self.columns + i];
-        let [a, b, c, d] = [
-            node(i, j),
-            node(i + 1, j),
-            node(i, j + 1),
-            node(i + 1, j + 1),
-        ];
-        let mix = |k: usize| {
-            (a[k] * (1.0 - s) + b[k] * s) * (1.0 - t) + (c[k] * (1.0 - s) + d[k] * s) * t
+    /// Calls `each` with the rays of the pixels of a row, of length 1 along the optical axis.
+    pub(crate) fn for_row(&self, row: usize, width: usize, mut each: impl FnMut([f32; 2])) {
+        let down = row - self.top;
+        let (j, t) = (down / NODE_PX, (down % NODE_PX) as f64 / NODE_PX as f64);
+        let node = |i: usize| {
+            let [above, below] = [j, j + 1].map(|j| self.nodes[j * self.columns + i]);
+            [0, 1].map(|k| (above[k] * (1.0 - t) + below[k] * t) as f32)
         };
-        Vector3::new(mix(0), mix(1), 1.0)
+        let mut left = node(0);
+        let mut column = 0;
+        for i in 1..self.columns {
+            let right = node(i);
+            let step = [0, 1].map(|k| (right[k] - left[k]) / NODE_PX as f32);
+            for n in 0..NODE_PX.min(width - column) {
+                each([0, 1].map(|k| left[k] + step[k] * n as f32));
+            }
+            left = right;
+            column = (column + NODE_PX).min(width);
+        }
     }
 }
 
