@@ -75,7 +75,8 @@ impl Cells {
                     let at = [point.x[k], point.y[k]];
                     let found = (batch.level[k] - black) * by_contrast;
                     let deviation = found - tone.at(pattern.value[k]).0;
-                    let weight = middle_weight(at[0], half as f32) * middle_weight(at[1], half as f32);
+                    let weight =
+                        middle_weight(at[0], half as f32) * middle_weight(at[1], half as f32);
                     let sum = &mut sums[cell_at(tag, at)];
                     sum[0] += f64::from(weight * deviation);
                     sum[1] += f64::from(weight);
@@ -85,7 +86,10 @@ impl Cells {
         let deviation = |[sum, weight]: [f64; 2]| (weight > 0.05).then(|| sum / weight);
         Self {
             deviations: sums.into_iter().map(deviation).collect(),
-            own_share: (own.blur.own_share(), own.blur.motion_cells() > blurred_cells),
+            own_share: (
+                own.blur.own_share(),
+                own.blur.motion_cells() > blurred_cells,
+            ),
         }
     }
 

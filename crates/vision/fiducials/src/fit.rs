@@ -94,7 +94,11 @@ pub fn fit(
     let first = fitter.solve(&problem, state, config.first_convergence_cells, None)?;
     let shown = fitter.shown(&problem, &first.state)?;
     let patches = match fitter.keeps_pixels(&start, &first.state, &shown) {
-        true => problem.patches.iter().map(|own| own.patch.clone()).collect(),
+        true => problem
+            .patches
+            .iter()
+            .map(|own| own.patch.clone())
+            .collect(),
         false => fitter.patches(&first.state.pose, &shown.selections),
     };
     let state = problem.state_with(&first.state, &patches);

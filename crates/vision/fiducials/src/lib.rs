@@ -9,6 +9,10 @@
 //! Frames: a *reference* frame in which the eyes are at rest; the frame of an eye, x right, y down,
 //! z into the image; that of a [`Tag`]. Metres, radians, seconds, pixels, gray levels of 8 bits.
 //! Nothing here knows sessions, shoes or gaits.
+#![allow(
+    clippy::needless_range_loop,
+    reason = "loops for vectors use the same index in several arrays"
+)]
 
 mod align;
 mod batch;

@@ -5,11 +5,11 @@ use std::rc::Rc;
 use cad_transforms::RigidTransform;
 use nalgebra::{DMatrix, DVector, Matrix6};
 
+use crate::batch::{PixelBatch, Plane, PlaneBatch};
 use crate::blur::Blur;
 use crate::config::Config;
 use crate::levels::Levels;
 use crate::moments::Moments;
-use crate::batch::{PixelBatch, Plane, PlaneBatch};
 use crate::patch::Patch;
 use crate::residuals::{
     Accumulate, BLUR, Cost, Evaluate, Evaluation, LevelModel, OWN, Residuals, SHARED, TONE,
@@ -177,7 +177,10 @@ impl<'a> Problem<'a> {
     /// A state of this problem as one of other patches; `None` if one of them is of another eye.
     pub(crate) fn state_with(&self, state: &State, patches: &[Patch<'_>]) -> Option<State> {
         let levels = patches.iter().map(|patch| {
-            let place = self.patches.iter().position(|own| own.patch.eye == patch.eye)?;
+            let place = self
+                .patches
+                .iter()
+                .position(|own| own.patch.eye == patch.eye)?;
             Some(state.levels[place])
         });
         Some(State {
@@ -234,7 +237,8 @@ impl<'a> Problem<'a> {
                 if !is_front {
                     return None;
                 }
-                let pairs = (0..pixels.count_of(number)).map(|k| [pattern.value[k], batch.level[k]]);
+                let pairs =
+                    (0..pixels.count_of(number)).map(|k| [pattern.value[k], batch.level[k]]);
                 patterns.extend(pairs);
             }
             Some(patterns)
@@ -375,3 +379,6 @@ impl<'a> Problem<'a> {
         }
     }
 }
+
+#[cfg(test)]
+mod tests;

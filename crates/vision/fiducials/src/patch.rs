@@ -226,12 +226,7 @@ impl<'a> Patch<'a> {
     }
 
     /// The plane of a tag as the pixels see it; `None` without pixels.
-    pub(crate) fn plane(
-        &self,
-        tag: &Tag,
-        pose: &RigidTransform,
-        motion: &Motion,
-    ) -> Option<Plane> {
+    pub(crate) fn plane(&self, tag: &Tag, pose: &RigidTransform, motion: &Motion) -> Option<Plane> {
         plane(&self.view, tag, (pose, motion), &self.pixels)
     }
 }

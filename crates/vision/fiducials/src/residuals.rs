@@ -1,7 +1,7 @@
 //! Residuals of pixels with derivatives, and their normal equations.
 //!
-//! Contract: in batches of single precision, which vectors compute; sums over batches of the
-//! lanes of a vector are of single precision, those over lanes of double precision.
+//! Contract: in batches of single precision, which vectors compute; sums over batches are of double
+//! precision.
 
 use crate::batch::{BATCH, Lane, Pixels, Plane, PlaneBatch};
 use crate::levels::Levels;
@@ -196,9 +196,9 @@ impl Kernel for Accumulate<'_> {
 
     #[inline(always)]
     fn run(self) -> Sums {
-        let mut hessian = [[[0.0_f32; LANES]; OWN]; OWN];
-        let mut gradient = [[0.0_f32; LANES]; OWN];
-        let (mut squares, mut weights) = ([0.0_f32; LANES], 0.0);
+        let mut hessian = [[[0.0_f64; LANES]; OWN]; OWN];
+        let mut gradient = [[0.0_f64; LANES]; OWN];
+        let (mut squares, mut weights) = ([0.0_f64; LANES], 0.0);
         let by_limit = (1.0 / (self.noise * self.limit)) as f32;
         let by_noise = (1.0 / (self.noise * self.noise)) as f32;
         let mut left = self.residuals.count;
@@ -241,7 +241,7 @@ impl Kernel for Accumulate<'_> {
 
 /// Adds products to the lanes of their sum.
 #[inline(always)]
-fn add_products(to: &mut [f32; LANES], a: &Lane, b: &Lane) {
+fn add_products(to: &mut [f64; LANES], a: &Lane, b: &Lane) {
     let mut lanes = [0.0_f32; LANES];
     for part in 0..BATCH / LANES {
         for k in 0..LANES {
@@ -249,15 +249,15 @@ fn add_products(to: &mut [f32; LANES], a: &Lane, b: &Lane) {
         }
     }
     for k in 0..LANES {
-        to[k] += lanes[k];
+        to[k] += f64::from(lanes[k]);
     }
 }
 
 #[inline(always)]
-fn sum(lanes: &[f32; LANES]) -> f64 {
+fn sum(lanes: &[f64; LANES]) -> f64 {
     let mut sum = 0.0;
     for lane in lanes {
-        sum += f64::from(*lane);
+        sum += lane;
     }
     sum
 }

@@ -119,8 +119,8 @@ impl Template {
             let x = (points.x[k] + half) * per_cell;
             let y = (points.y[k] + half) * per_cell;
             let (column, row) = (x.max(0.0).min(last) as i32, y.max(0.0).min(last) as i32);
-            across[k] = (x - column as f32).max(0.0).min(1.0);
-            down[k] = (y - row as f32).max(0.0).min(1.0);
+            across[k] = (x - column as f32).clamp(0.0, 1.0);
+            down[k] = (y - row as f32).clamp(0.0, 1.0);
             (columns[k], rows[k]) = (column, row);
         }
         let mut texels = [[0.0_f32; 4]; BATCH];

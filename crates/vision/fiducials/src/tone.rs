@@ -58,7 +58,7 @@ impl TonePair {
     pub(crate) fn at(&self, light: &Lane, [levels, slopes, others]: [&mut Lane; 3]) {
         let (mut index, mut share) = ([0_i32; BATCH], [0.0_f32; BATCH]);
         for k in 0..BATCH {
-            let place = light[k].max(0.0).min(1.0) * ENTRIES as f32;
+            let place = light[k].clamp(0.0, 1.0) * ENTRIES as f32;
             let begin = (place as i32).min(ENTRIES as i32 - 1);
             share[k] = place - begin as f32;
             index[k] = begin;

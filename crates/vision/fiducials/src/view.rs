@@ -119,6 +119,7 @@ pub(crate) struct PlanePoint {
     /// Place on the plane, m.
     pub(crate) at: [f64; 2],
     /// Slope of the ray in the frame of the tag: x and y per z.
+    #[cfg(test)]
     pub(crate) slope: [f64; 2],
 }
 
@@ -150,7 +151,11 @@ impl RowPose {
         }
         let slope = [ray.x / ray.z, ray.y / ray.z];
         let at = [0, 1].map(|k| self.eye_in_tag[k] - self.eye_in_tag.z * slope[k]);
-        Some(PlanePoint { at, slope })
+        Some(PlanePoint {
+            at,
+            #[cfg(test)]
+            slope,
+        })
     }
 
     /// Velocity at which a fixed ray moves over the middle of the tag, m/s.
@@ -163,7 +168,8 @@ impl RowPose {
 }
 
 /// Derivatives of a place on the plane by a small motion of the tag in its own frame: rotation,
-/// then translation.
+/// then translation. The batches of a fit have their own.
+#[cfg(test)]
 pub(crate) fn by_motion(point: &PlanePoint) -> [[f64; 6]; 2] {
     let ([a, b], [u, v]) = (point.at, point.slope);
     [
