@@ -7,7 +7,6 @@
 use std::rc::Rc;
 
 use cad_transforms::RigidTransform;
-use estimator_config::config;
 use nalgebra::Vector3;
 
 use crate::blur::Blur;
@@ -16,24 +15,8 @@ use crate::view::{Motion, View, pixel_axes};
 
 mod region;
 
+pub use self::region::LocateConfig;
 use self::region::{Candidate, Frame, Kernel, Region};
-
-config! {
-    /// Configuration of [`locate`].
-    pub struct LocateConfig {
-        /// Pixels per cell in which places are compared at last, at least: finer ones are joined.
-        pub px_per_cell: f64 = 1.2,
-        /// Number of places that are compared so: the best ones of a search in pixels of twice that
-        /// size.
-        pub candidates: usize = 60,
-        /// Minimum correlation with the pattern.
-        pub min_correlation: f64 = 0.6,
-        /// Minimum standard deviation of the gray levels that are compared.
-        pub min_deviation_levels: f64 = 5.0,
-        /// Blur of lens and sensor, px.
-        pub blur_px: f64 = 0.7,
-    }
-}
 
 /// A place of a tag.
 #[derive(Clone, Copy, Debug, PartialEq)]

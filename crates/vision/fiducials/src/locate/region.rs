@@ -3,13 +3,30 @@
 use std::ops::Range;
 
 use cad_transforms::RigidTransform;
+use estimator_config::config;
 
-use super::LocateConfig;
 use crate::blur::Blur;
 use crate::tag::Tag;
 use crate::template::Template;
 use crate::vectors;
 use crate::view::View;
+
+config! {
+    /// Configuration of [`locate`](crate::locate()).
+    pub struct LocateConfig {
+        /// Pixels per cell in which places are compared at last, at least: finer ones are joined.
+        pub px_per_cell: f64 = 1.2,
+        /// Number of places that are compared so: the best ones of a search in pixels of twice that
+        /// size.
+        pub candidates: usize = 60,
+        /// Minimum correlation with the pattern.
+        pub min_correlation: f64 = 0.6,
+        /// Minimum standard deviation of the gray levels that are compared.
+        pub min_deviation_levels: f64 = 5.0,
+        /// Blur of lens and sensor, px.
+        pub blur_px: f64 = 0.7,
+    }
+}
 
 /// A pixel of the image at which the pattern may be.
 #[derive(Clone, Copy, Debug)]
