@@ -43,7 +43,7 @@ config! {
         pub blurred_cells: f64 = 0.7,
         /// Maximum robust cost of a second pose above that of the first, in units of the noise of
         /// pixels: three sigmas squared. Neighboring pixels share their errors, hence more.
-        pub max_excess_cost: f64 = 30.0,
+        pub max_excess_cost: f64 = 80.0,
         /// Minimum rotation between two poses that count as two, rad.
         pub min_other_rad: f64 = 0.03,
         /// Standard deviation of the tilt below which no fit is trusted, rad: that of images of the

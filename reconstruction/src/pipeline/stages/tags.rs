@@ -45,7 +45,7 @@ impl Stage<Input> for TagsStage {
     }
 
     fn version(&self) -> u32 {
-        2
+        3
     }
 
     fn inputs(&self) -> &'static [&'static str] {
