@@ -23,7 +23,7 @@ pub(crate) struct SurfaceVoxel {
     pub(crate) color: [u8; 3],
     /// Rank of the view that gave the color: the nearer, the higher; 0 without color.
     pub(crate) color_rank: u8,
-    /// Weighted mean of the outward normals in the world, in steps; not longer than 1.
+    /// Mean outward normal in the world, in steps; 0 where none was seen.
     pub(crate) normal: [i16; 3],
     /// Views that saw the surface here, at most 255.
     pub(crate) views: u8,

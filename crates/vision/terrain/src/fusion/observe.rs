@@ -2,7 +2,7 @@
 
 use super::block::{Block, EDGE, NORMAL_STEPS, SurfaceLayer, WEIGHT_STEPS};
 use super::update::{Fused, LAYER, MAX_WEIGHT, Rules, Update, Values, Voxels, layer_mut, sum};
-use crate::instructions::{larger, smaller, truncated};
+use crate::instructions::{smaller, truncated};
 
 impl Update<'_> {
     /// Mean normals, counts and colors at a surface.
@@ -43,20 +43,19 @@ impl Update<'_> {
             }
         }
         // Opposite normals have no mean: two sides of a thin thing.
-        let mut changes = [0.0f32; LAYER];
+        let (mut changes, mut scale) = ([0.0f32; LAYER], [0.0f32; LAYER]);
         for i in 0..LAYER {
-            let size = larger(larger(mean[0][i].abs(), mean[1][i].abs()), mean[2][i].abs());
-            changes[i] = if size > 1e-3 * NORMAL_STEPS {
-                fused.is_near[i]
-            } else {
-                0.0
-            };
+            let [x, y, z] = [mean[0][i], mean[1][i], mean[2][i]];
+            let length = (x * x + y * y + z * z).sqrt();
+            let has_mean = length > 1e-3 * NORMAL_STEPS;
+            changes[i] = if has_mean { fused.is_near[i] } else { 0.0 };
+            scale[i] = NORMAL_STEPS / if has_mean { length } else { 1.0 };
         }
         for k in 0..3 {
             let mut steps = [0i32; LAYER];
             for i in 0..LAYER {
                 steps[i] = truncated(if changes[i] > 0.0 {
-                    mean[k][i]
+                    mean[k][i] * scale[i]
                 } else {
                     before[k][i]
                 });
