@@ -98,7 +98,7 @@ config! {
         pub max_chi_square: f64 = 1.8,
         /// Maximum root mean square distance of the means of patches of 6 cm from their plane,
         /// beyond their own errors, m. Above, the ground is rough.
-        pub max_roughness_m: f64 = 0.005,
+        pub max_roughness_m: f64 = 0.008,
         /// Minimum area of a plane without edges that vertices of the mesh are moved to, m2. Smaller
         /// ones are facets of rough ground.
         pub min_alone_m2: f64 = 0.6,
