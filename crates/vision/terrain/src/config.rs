@@ -99,8 +99,8 @@ config! {
         /// Maximum root mean square distance of the means of patches of 6 cm from their plane,
         /// beyond their own errors, m. Above, the ground is rough.
         pub max_roughness_m: f64 = 0.008,
-        /// Minimum area of a plane without edges that vertices of the mesh are moved to, m2. Smaller
-        /// ones are facets of rough ground.
+        /// Minimum area of a plane without edges that vertices of the mesh are moved to, m2.
+        /// Smaller ones are facets of rough ground.
         pub min_alone_m2: f64 = 0.6,
         /// Minimum number of samples of a plane in a view.
         pub min_view_depths: u32 = 20,

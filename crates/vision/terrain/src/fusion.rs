@@ -22,6 +22,7 @@ mod integration;
 mod observe;
 mod pixels;
 mod pyramid;
+mod step;
 mod update;
 
 use block::{COUNT, DISTANCE_STEPS, EDGE, WEIGHT_STEPS};
@@ -215,7 +216,7 @@ impl Volume {
 
     /// Metres of a step of a stored distance.
     pub(crate) fn m_per_step(&self) -> f64 {
-        integration::stored_range(&self.config) / f64::from(DISTANCE_STEPS)
+        update::stored_range(&self.config) / f64::from(DISTANCE_STEPS)
     }
 
     /// One standard deviation of a weight, m.

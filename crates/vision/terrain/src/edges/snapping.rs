@@ -8,8 +8,8 @@ use crate::mesh::Mesh;
 use crate::planes::Planes;
 
 /// Moves vertices of planes onto them, and vertices of no plane within a radius of an edge where
-/// two planes meet onto it. Others remain, and those of small planes without edges, which are facets
-/// of rough ground.
+/// two planes meet onto it. Others remain; so do those of small planes without edges, which are
+/// facets of rough ground.
 ///
 /// The planes must be those of the mesh.
 pub fn snap(mesh: &mut Mesh, planes: &Planes, edges: &[Edge], radius_m: f64) {

@@ -2,7 +2,7 @@
 //!
 //! Values lie in rows of one quantity each, so that loops over a row use vector instructions.
 
-use super::frame::step;
+use super::step::step;
 use crate::config::FusionConfig;
 use crate::instructions::{Kernel, larger, smaller};
 use crate::view::{DepthView, PixelClass};
@@ -66,7 +66,8 @@ pub(crate) struct Means<'a> {
     pub(crate) first_row: usize,
     /// Edge of a cell, px.
     pub(crate) cell_px: usize,
-    /// Depths of the rows of pixels, see [`Images::depth`](super::frame::Images::depth).
+    /// Depths of the rows of pixels, m; 0 for none, negative for pixels that are not known to be
+    /// static.
     pub(crate) depth: &'a mut [f32],
     pub(crate) cells: &'a mut CellRow,
 }

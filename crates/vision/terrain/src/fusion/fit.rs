@@ -3,7 +3,7 @@
 use rayon::prelude::*;
 
 use super::cells::{CellRow, Cells};
-use super::frame::step;
+use super::step::step;
 use crate::config::FusionConfig;
 use crate::instructions::{self, Kernel, larger};
 use crate::view::DepthView;

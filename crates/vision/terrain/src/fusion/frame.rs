@@ -11,13 +11,11 @@ use super::cells::{self, Cells};
 use super::fit::Planes;
 use super::pixels::{Pixel, Row, Rules};
 use crate::config::FusionConfig;
-use crate::instructions::{self, larger};
+use crate::instructions;
 use crate::view::{DepthView, Pose};
 
 /// Cells across the width of an image, at least. Their edge is a power of 2.
 const CELLS_ACROSS: usize = 160;
-/// A depth deviates from a surface by this many sigmas, or by a step.
-const STEP_SIGMAS: f32 = 5.0;
 
 /// Images of the size of a view, which the next view uses again.
 #[derive(Clone, Debug, Default)]
@@ -98,10 +96,4 @@ impl<'a> Frame<'a> {
             planes,
         }
     }
-}
-
-/// Difference of depths that is a step.
-#[inline(always)]
-pub(crate) fn step(step_ratio: f32, depth: f32, sigma: f32) -> f32 {
-    larger(STEP_SIGMAS * sigma, step_ratio * depth)
 }

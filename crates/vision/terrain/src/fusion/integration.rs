@@ -180,11 +180,3 @@ impl<'a> Integration<'a> {
         }
     }
 }
-
-/// Greatest distance that a voxel stores, m.
-pub(crate) fn stored_range(config: &FusionConfig) -> f64 {
-    let front = config.max_front_m.max(config.front_voxels * config.voxel_m);
-    front
-        .max(config.max_back_m)
-        .max(config.back_voxels * config.voxel_m)
-}

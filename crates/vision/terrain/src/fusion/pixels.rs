@@ -2,7 +2,7 @@
 
 use super::cells::Cells;
 use super::fit::Planes;
-use super::frame::step;
+use super::step::step;
 use crate::config::FusionConfig;
 use crate::instructions::Kernel;
 use crate::view::DepthView;
@@ -70,7 +70,7 @@ pub(crate) struct Row<'a> {
     pub(crate) cell_px: usize,
     pub(crate) cells: &'a Cells,
     pub(crate) planes: &'a Planes,
-    /// Depths of the image, see [`Images::depth`](super::frame::Images::depth).
+    /// Depths of the image, m; 0 for none, negative for pixels that are not known to be static.
     pub(crate) depth: &'a [f32],
     /// Squared horizontal parts of the rays of the columns.
     pub(crate) ray_squares: &'a [f32],

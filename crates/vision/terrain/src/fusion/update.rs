@@ -2,7 +2,6 @@
 
 use super::block::{Block, COUNT, DISTANCE_STEPS, EDGE, WEIGHT_STEPS};
 use super::frame::Frame;
-use super::integration::stored_range;
 use crate::config::FusionConfig;
 use crate::instructions::{Kernel, larger, smaller, truncated};
 
@@ -317,4 +316,12 @@ impl Update<'_> {
 pub(super) fn layer_mut<T>(of: &mut [T; COUNT], first: usize) -> &mut [T; LAYER] {
     let layer = of[first..].first_chunk_mut::<LAYER>();
     layer.expect("layers are within a block")
+}
+
+/// Greatest distance that a voxel stores, m.
+pub(crate) fn stored_range(config: &FusionConfig) -> f64 {
+    let front = config.max_front_m.max(config.front_voxels * config.voxel_m);
+    front
+        .max(config.max_back_m)
+        .max(config.back_voxels * config.voxel_m)
 }
