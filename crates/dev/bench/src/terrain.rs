@@ -42,7 +42,7 @@ use crate::{python, stamp};
 
 const PARTS: [&str; 3] = ["walks", "voxels", "open3d"];
 
-/// Runs the benchmark: `[--quick] [--only PART,...] [--walk NAME] [--out DIR]`.
+/// Runs the benchmark: `[--quick] [--only PART,...] [--walk NAME] [--seed N] [--out DIR]`.
 ///
 /// # Errors
 /// Bad arguments, or an I/O error. A missed target is a result and no error; a missing peer is left
@@ -245,6 +245,8 @@ struct Options {
     parts: Vec<String>,
     /// Begin of the names of the walks to run; empty for all.
     walk: String,
+    /// Seed of all walks instead of their own: what is tuned is tuned on other walks.
+    seed: Option<u64>,
 }
 
 impl Options {
@@ -254,6 +256,7 @@ impl Options {
             out: PathBuf::from("docs/benchmarks"),
             parts: PARTS.map(str::to_owned).to_vec(),
             walk: String::new(),
+            seed: None,
         };
         let mut rest = args.iter();
         while let Some(argument) = rest.next() {
@@ -261,6 +264,10 @@ impl Options {
                 "--quick" => parsed.quick = true,
                 "--out" => parsed.out = rest.next().context("--out needs a folder")?.into(),
                 "--walk" => parsed.walk = rest.next().context("--walk needs a name")?.clone(),
+                "--seed" => {
+                    let seed = rest.next().context("--seed needs a number")?;
+                    parsed.seed = Some(seed.parse().context("reading the seed")?);
+                }
                 "--only" => {
                     let list = rest.next().context("--only needs parts")?;
                     parsed.parts = list.split(',').map(str::to_owned).collect();
@@ -272,8 +279,8 @@ impl Options {
                     );
                 }
                 other => bail!(
-                    "unknown argument {other:?}, expected --quick, --only PARTS, --walk NAME or \
-                     --out DIR"
+                    "unknown argument {other:?}, expected --quick, --only PARTS, --walk NAME, \
+                     --seed N or --out DIR"
                 ),
             }
         }
@@ -290,6 +297,10 @@ impl Options {
         };
         let mut jobs: Vec<(String, Job)> = walks
             .into_iter()
+            .map(|walk| Walk {
+                seed: self.seed.unwrap_or(walk.seed),
+                ..walk
+            })
             .map(|walk| (walk.name(), Job::Walk(walk)))
             .collect();
         if part == "open3d" {

@@ -63,12 +63,22 @@ config! {
         pub heel_m: f64 = 0.14,
         /// See `heel_m`.
         pub toe_m: f64 = 0.14,
-        /// Standard deviation of the tilt of a sole, for the choice between the two poses of a tag
+        /// Standard deviation of the tilt of a moving sole, for the choice between the two poses of a tag
         /// that images hardly distinguish, rad.
         pub level_sigma_rad: f64 = 0.3,
+        /// The same of a sole whose tag does not move: feet rest on ground that they can stand on.
+        pub rest_level_sigma_rad: f64 = 0.15,
+        /// What a speed of the tag adds to that, rad per m/s.
+        pub level_sigma_per_speed: f64 = 0.3,
+        /// Pitch of a foot that approaches its strike, toe up, and its standard deviation, rad.
+        pub approach_pitch: [f64; 2] = [0.2, 0.2],
+        /// Time between frames of one approach, and of a speed, s.
+        pub max_approach_s: f64 = 0.2,
+        /// Speed of the tag of a foot at rest, m/s.
+        pub rest_speed: f64 = 0.2,
         /// Excess of the cost of a second pose that is as improbable as one standard deviation of
         /// that tilt: neighboring pixels share their errors.
-        pub excess_per_square: f64 = 10.0,
+        pub excess_per_square: f64 = 6.0,
         /// Errors of poses of tags relative to their stated sigmas: errors of lenses, blur and tone
         /// are not in these.
         pub sigma_factor: f64 = 1.8,
@@ -79,6 +89,10 @@ config! {
         pub whole_share: f64 = 0.95,
         /// Angular rate of a foot, for the same choice, rad/s.
         pub turn_rate: f64 = 2.5,
+        /// The same of a foot whose tag does not move, rad/s.
+        pub rest_turn_rate: f64 = 0.5,
+        /// What a speed of the tag adds to that, rad/m: a foot that rolls moves its tag.
+        pub turn_rate_per_speed: f64 = 10.0,
         /// Maximum cost of a rotation from frame to frame: feet may turn fast where none shows
         /// them.
         pub max_change_cost: f64 = 16.0,
@@ -160,6 +174,9 @@ config! {
         pub max_speed: f64 = 0.15,
         /// Angular rate, likewise, rad/s. Feet roll over heel and toe at 2 to 5 rad/s.
         pub max_rate: f64 = 0.6,
+        /// Speed of its tag below which it is at rest all the same where the tilts of both poses
+        /// contradict each other, m/s: fits of small tags end in a wrong tilt at times.
+        pub max_place_speed: f64 = 0.06,
         /// Maximum time between frames of a foot at rest, s.
         pub max_gap_s: f64 = 0.35,
         /// Maximum time without a frame between two poses that are one stance if they agree, s.
@@ -178,6 +195,11 @@ config! {
         pub max_drift_m: f64 = 0.02,
         /// See `max_drift_m`.
         pub max_drift_rad: f64 = 0.09,
+        /// Displacement and rotation between two parts of a contact up to which the foot rests in
+        /// both, m and rad.
+        pub max_settling_m: f64 = 0.04,
+        /// See `max_settling_m`.
+        pub max_settling_rad: f64 = 0.2,
         /// Standard deviation of errors that all frames of a stance share: in the plane of the
         /// sole and along its normal, m; tilt and heading, rad.
         pub shared_sigma: [f64; 4] = [0.002, 0.003, 0.015, 0.005],

@@ -2,8 +2,8 @@
 //!
 //! Contract: each event has a standard deviation and says whether images show it or it follows from
 //! the gait. Heel strikes come from the approach of the heel to where it then rests and from the
-//! pitch of the foot, see `events/strike.rs`; one that no frame shows is in the middle
-//! between those of the same and the other foot, and some time before the lift of that. Toe offs
+//! pitch of the foot, see `events/strike.rs`; one that no frame shows from the rhythm of the steps
+//! around it, see `events/rhythm.rs`, and from the lift of the other foot. Toe offs
 //! come from the toe where frames show it leave, and from the strike of the other foot, see
 //! `events/lift.rs`. What is typical of the wearer's steps is learned from those that are seen
 //! well, and then used for the others. So is how the trunk moves around a strike, see
@@ -16,11 +16,13 @@ use crate::stance::Stance;
 
 mod distance;
 mod lift;
+mod rhythm;
 mod strike;
 mod times;
 mod trunk;
 
 use self::lift::{Lift, LiftHabit, bearing_share, lift};
+use self::rhythm::{Step, rhythm};
 use self::strike::{Strike, StrikeHabit, strike};
 pub use self::trunk::RigHeights;
 use self::trunk::TrunkHabit;
@@ -54,16 +56,16 @@ pub fn contacts(
         })
     };
     let shown_lifts = lifts(&shown, &generic);
+    let by_rhythm = rhythm(&[0, 1].map(|side| steps(&feet[side], &shown[side], side)));
     let strikes = [0, 1].map(|side| -> Vec<Strike> {
-        let (foot, own, other) = (&feet[side], &shown[side], &shown[1 - side]);
+        let (foot, own) = (&feet[side], &shown[side]);
         let again = |k: usize| {
             let shown = own[k].heel_strike;
             if shown.is_seen {
                 return strike(foot, k, by_trunk(foot, k, shown.time_s), &habit, config);
             }
             let by_lift = before_lift(foot, k, &shown_lifts[1 - side]);
-            let by_others = product(between(&own[k], other), by_lift);
-            let prior = product(between_own(own, k), by_others);
+            let prior = product(by_rhythm[side][k], by_lift);
             let expected = strike(foot, k, prior, &habit, config);
             let prior = product(prior, by_trunk(foot, k, expected.heel_strike.time_s));
             strike(foot, k, prior, &habit, config)
@@ -110,11 +112,6 @@ fn strikes(foot: &FootStances<'_>, habit: &StrikeHabit, config: &EventConfig) ->
         .collect()
 }
 
-/// Deviation of a strike from the middle between those of the other foot, as a share of the time
-/// between these, and the longest such time, s.
-const ASYMMETRY: f64 = 0.04;
-const MAX_STRIDE_S: f64 = 1.6;
-
 /// Standard deviation up to which a strike tells other ones, or how the trunk moves; of the other
 /// foot one that no frame shows, s.
 const SURE_S: f64 = 0.04;
@@ -123,34 +120,24 @@ const SURE_S: f64 = 0.04;
 const BOTH_SIGMA: f64 = 0.04;
 const STRIDE_S: f64 = 1.1;
 
-/// Mean and standard deviation of a strike by those of the other foot before and after it, s.
-fn between(own: &Strike, other: &[Strike]) -> Option<[f64; 2]> {
-    let time_s = own.heel_strike.time_s;
-    let next = other.partition_point(|other| other.heel_strike.time_s < time_s);
-    let [before, after] = [next.checked_sub(1)?, next].map(|k| other.get(k));
-    let (before, after) = (before?.heel_strike, after?.heel_strike);
-    let stride_s = after.time_s - before.time_s;
-    let of_others = 0.5 * before.sigma_s.hypot(after.sigma_s);
-    (stride_s < MAX_STRIDE_S && of_others < SURE_S).then(|| {
-        let mean_s = 0.5 * (before.time_s + after.time_s);
-        [mean_s, of_others.hypot(ASYMMETRY * stride_s)]
-    })
+/// The strikes of a foot as each is known by itself.
+fn steps(foot: &FootStances<'_>, strikes: &[Strike], side: usize) -> Vec<Step> {
+    let both = foot.stances.iter().zip(strikes).enumerate();
+    let step = |(index, (stance, strike)): (usize, (&Stance, &Strike))| {
+        let [first_s, last_s] = stance.times_ns.map(seconds);
+        let strike = strike.heel_strike;
+        Step {
+            side,
+            index,
+            stands_s: 0.5 * (first_s + last_s),
+            place: *stance.world_from_foot.translation(),
+            strike: [strike.time_s, strike.sigma_s],
+        }
+    };
+    both.map(step).collect()
 }
 
-/// The same by those of the same foot.
-fn between_own(own: &[Strike], index: usize) -> Option<[f64; 2]> {
-    let [before, after] = [index.checked_sub(1)?, index + 1].map(|k| own.get(k));
-    let (before, after) = (before?.heel_strike, after?.heel_strike);
-    let stride_s = 0.5 * (after.time_s - before.time_s);
-    let of_others = 0.5 * before.sigma_s.hypot(after.sigma_s);
-    let is_sure = before.is_seen && after.is_seen && of_others < SURE_S;
-    (is_sure && stride_s < MAX_STRIDE_S).then(|| {
-        let mean_s = 0.5 * (before.time_s + after.time_s);
-        [mean_s, of_others.hypot(ASYMMETRY * stride_s)]
-    })
-}
-
-/// The same by the lift of the other foot that frames show: both feet bear for some time before.
+/// Mean and standard deviation of a strike by the lift of the other foot that frames show: both feet bear for some time before.
 fn before_lift(foot: &FootStances<'_>, index: usize, other: &[Lift]) -> Option<[f64; 2]> {
     let stance = &foot.stances[index];
     let [first_s, last_s] = stance.times_ns.map(seconds);

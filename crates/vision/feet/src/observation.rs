@@ -7,9 +7,12 @@
 use cad_transforms::{Covariance, CovarianceError, RigidTransform};
 use nalgebra::Vector3;
 
+use self::tilt_prior::{TiltPrior, seconds_between, speed_before, tag_speed, tilt_prior};
 use crate::config::FootConfig;
 use crate::poses::motion;
 use crate::stance::FootObservation;
+
+mod tilt_prior;
 
 /// A tag in a frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -32,6 +35,8 @@ pub struct FootCandidates {
     /// Poses in the world, and the excess of their costs.
     poses: Vec<(RigidTransform, f64)>,
     covariance: Covariance,
+    /// The middle of the tag in the world, which both poses agree about, m.
+    tag_place: Vector3<f64>,
 }
 
 /// The poses of the foot that a tag is on, at a time, ns.
@@ -63,6 +68,7 @@ pub fn foot_candidates(
         time_ns,
         poses: poses.map(in_world).collect(),
         covariance: Covariance::from_rows(rows)?,
+        tag_place: Vector3::from((*world_from_rig * tag.rig_from_tag).translation_m()),
     })
 }
 
@@ -97,7 +103,7 @@ pub fn foot_observations(
     config: &FootConfig,
 ) -> Vec<FootObservation> {
     let frames = surest(candidates);
-    let costs = costs(&frames, config);
+    let costs = costs(&frames, |k| tilt_prior(&frames, k, config), config);
     let mut next = costs.last().and_then(|last| cheapest(last));
     let mut found = Vec::with_capacity(frames.len());
     for (frame, ends) in frames.iter().zip(&costs).rev() {
@@ -119,7 +125,10 @@ fn without_outliers(found: Vec<FootObservation>, config: &FootConfig) -> Vec<Foo
         else {
             return false;
         };
-        let cost = |a: &FootObservation, b: &FootObservation| change_cost(a, b, config);
+        let cost = |a: &FootObservation, b: &FootObservation| {
+            let seconds = 1e-9 * (b.time_ns - a.time_ns) as f64;
+            change_cost(a, b, config.turn_rate * seconds, config)
+        };
         let own = cost(before, &found[k]).min(cost(&found[k], after));
         own >= config.max_change_cost && cost(before, after) < config.agreeing_change_cost
     };
@@ -137,7 +146,8 @@ pub fn causal_observations(
     config: &FootConfig,
 ) -> Vec<FootObservation> {
     let frames = surest(candidates);
-    let costs = costs(&frames, config);
+    let prior = |k: usize| TiltPrior::of_speed(speed_before(&frames, k, config), config);
+    let costs = costs(&frames, prior, config);
     let parts = frames.iter().zip(&costs);
     parts
         .filter_map(|(frame, ends)| Some(frame.observation(cheapest(ends)?)))
@@ -162,17 +172,24 @@ impl FootCandidates {
 }
 
 /// By frame and pose: the least cost with which a sequence ends there, and the pose before it.
-fn costs(frames: &[FootCandidates], config: &FootConfig) -> Vec<Vec<(f64, usize)>> {
+fn costs(
+    frames: &[FootCandidates],
+    prior: impl Fn(usize) -> TiltPrior,
+    config: &FootConfig,
+) -> Vec<Vec<(f64, usize)>> {
     let mut costs: Vec<Vec<(f64, usize)>> = Vec::with_capacity(frames.len());
     for (k, frame) in frames.iter().enumerate() {
+        let prior = prior(k);
         let cost = |(m, pose): (usize, &(RigidTransform, f64))| {
-            let own = own_cost(pose, config);
+            let own = own_cost(pose, &prior, config);
             let Some(before) = k.checked_sub(1).map(|before| &frames[before]) else {
                 return (own, 0);
             };
             let here = frame.observation(m);
             let through = costs[k - 1].iter().enumerate().map(|(n, (cost, _))| {
-                let change = change_cost(&before.observation(n), &here, config);
+                let (from, seconds) = (before.observation(n), seconds_between(before, frame));
+                let rate = turn_rate(tag_speed(before, frame), config);
+                let change = change_cost(&from, &here, rate * seconds, config);
                 (own + cost + change, n)
             });
             let least = through.min_by(|a, b| a.0.total_cmp(&b.0));
@@ -185,15 +202,26 @@ fn costs(frames: &[FootCandidates], config: &FootConfig) -> Vec<Vec<(f64, usize)
 }
 
 /// How improbable a pose is by itself.
-fn own_cost((pose, excess): &(RigidTransform, f64), config: &FootConfig) -> f64 {
-    let up = pose.rotation() * Vector3::z();
-    let tilt = libm::acos(up.z.clamp(-1.0, 1.0));
-    (tilt / config.level_sigma_rad).powi(2) + excess / config.excess_per_square
+fn own_cost((pose, excess): &(RigidTransform, f64), prior: &TiltPrior, config: &FootConfig) -> f64 {
+    let [toe, left] = [Vector3::x(), Vector3::y()].map(|axis| (pose.rotation() * axis).z);
+    let [pitch, roll] = [toe, left].map(|rise| libm::asin(rise.clamp(-1.0, 1.0)));
+    let square = (pitch - prior.pitch).powi(2) + roll * roll;
+    square / (prior.sigma * prior.sigma) + excess / config.excess_per_square
 }
 
-/// How improbable the rotation from a frame to the next one is.
-fn change_cost(a: &FootObservation, b: &FootObservation, config: &FootConfig) -> f64 {
-    let seconds = 1e-9 * (b.time_ns - a.time_ns) as f64;
+/// Angular rate of a foot whose tag moves at a speed, m/s: a foot that rolls moves its tag.
+fn turn_rate(tag_speed: f64, config: &FootConfig) -> f64 {
+    (config.rest_turn_rate + config.turn_rate_per_speed * tag_speed).min(config.turn_rate)
+}
+
+/// How improbable the rotation from a frame to the next one is, of a foot that usually turns by an
+/// angle in that time, rad.
+fn change_cost(
+    a: &FootObservation,
+    b: &FootObservation,
+    usual_rad: f64,
+    config: &FootConfig,
+) -> f64 {
     let turn = motion(&a.world_from_foot, &b.world_from_foot)
         .fixed_rows::<3>(3)
         .norm();
@@ -203,7 +231,7 @@ fn change_cost(a: &FootObservation, b: &FootObservation, config: &FootConfig) ->
             .fold(0.0, |a: f64, b| a.max(*b))
     };
     let tilt = sigma(a).hypot(sigma(b));
-    let spread = tilt.hypot(config.turn_rate * seconds);
+    let spread = tilt.hypot(usual_rad);
     (turn / spread).powi(2).min(config.max_change_cost)
 }
 
@@ -225,66 +253,4 @@ fn surest(candidates: impl IntoIterator<Item = FootCandidates>) -> Vec<FootCandi
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    /// A foot with a pitch, seen by a tag whose other pose is tilted the other way; the wrong one
-    /// fits better in some frames.
-    fn frame(n: i64, pitch: f64, is_flipped: bool) -> FootCandidates {
-        let at = |pitch: f64| {
-            RigidTransform::from_rotation_vector([0.0, -pitch, 0.0], [0.0, 0.1, 0.0]).unwrap()
-        };
-        let (truth, wrong) = (at(pitch), at(0.2 - pitch));
-        let poses = match is_flipped {
-            true => [(wrong, 0.0), (truth, 4.0)],
-            false => [(truth, 0.0), (wrong, 20.0)],
-        };
-        FootCandidates {
-            time_ns: n * 33_333_333,
-            poses: poses.to_vec(),
-            covariance: Covariance::from_sigmas([2e-3; 3], [0.02; 3]).unwrap(),
-        }
-    }
-
-    #[test]
-    fn poses_that_fit_each_other_count_also_where_the_other_ones_are_more_level() {
-        let frames = (0..12).map(|n| frame(n, 0.25, n % 3 == 1));
-        let found = foot_observations(frames, &FootConfig::default());
-        assert_eq!(found.len(), 12);
-        for (n, own) in found.iter().enumerate() {
-            let [_, turn, _] = own.world_from_foot.rotation_vector();
-            assert!((turn + 0.25).abs() < 1e-6, "{n}: {turn}");
-        }
-    }
-
-    #[test]
-    fn a_frame_that_neighbors_contradict_is_left_out() {
-        let frames = (0..9).map(|n| {
-            let mut own = frame(n, 0.05, false);
-            if n == 4 {
-                own.poses = vec![(
-                    RigidTransform::from_rotation_vector([0.0, 0.8, 0.0], [0.0; 3]).unwrap(),
-                    0.0,
-                )];
-            }
-            own
-        });
-        let found = foot_observations(frames, &FootConfig::default());
-        assert_eq!(found.len(), 8);
-        assert!(found.iter().all(|own| own.time_ns != 4 * 33_333_333));
-    }
-
-    #[test]
-    fn of_two_tags_the_surer_one_counts() {
-        let mut unsure = frame(3, 0.1, false);
-        unsure.covariance = Covariance::from_sigmas([9e-3; 3], [0.1; 3]).unwrap();
-        for both in [
-            [unsure.clone(), frame(3, 0.0, false)],
-            [frame(3, 0.0, false), unsure],
-        ] {
-            let found = foot_observations(both, &FootConfig::default());
-            assert_eq!(found.len(), 1);
-            assert!(found[0].world_from_foot.rotation_vector()[1].abs() < 1e-9);
-        }
-    }
-}
+mod tests;

@@ -8,10 +8,13 @@
 use std::ops::Range;
 
 use cad_transforms::{Covariance, RigidTransform};
-use nalgebra::{Matrix6, Vector6};
+use nalgebra::{Matrix6, Vector4, Vector6};
 
+use self::sure_point::SurePoint;
 use crate::config::StanceConfig;
 use crate::poses::motion;
+
+mod sure_point;
 
 /// Standard deviations, in six dimensions, by which motions of a foot at rest seem to differ from
 /// none: fewer in 99.5 % of the cases.
@@ -93,11 +96,9 @@ pub fn stances(observations: &[FootObservation], config: &StanceConfig) -> Vec<S
                         None => found.push(stance),
                     }
                 }
-                // No foot takes a step in between: in the shorter one it comes down or lifts.
+                // No foot takes a step in between.
                 Some(last) if is_part_of_one_contact(last, &stance, config) => {
-                    if stance.duration_s() > last.duration_s() {
-                        *last = stance;
-                    }
+                    *last = one_contact(last, &stance, config);
                 }
                 _ => found.push(stance),
             }
@@ -133,7 +134,9 @@ fn is_at_rest(a: &FootObservation, b: &FootObservation, config: &StanceConfig) -
     let motion = motion(&a.world_from_foot, &b.world_from_foot);
     let covariance = a.covariance.matrix() + b.covariance.matrix();
     let tolerance = [config.max_speed * seconds, config.max_rate * seconds];
-    seconds <= config.max_gap_s && is_within(&motion, &covariance, tolerance)
+    let whole = || is_within(&motion, &covariance, tolerance);
+    let place = || SurePoint::of(a).rests(a, b, config.max_place_speed * seconds);
+    seconds <= config.max_gap_s && (whole() || place())
 }
 
 /// Whether a motion is none, within a tolerance of its translation and rotation and errors of
@@ -180,11 +183,12 @@ fn without_drift(
     parts
 }
 
-/// Where the poses before and after differ most, if they differ more than those of a foot at rest
-/// do.
+/// Where the places and headings before and after differ most, if they differ more than those of a
+/// foot at rest do. A foot that tilts moves its tag.
 fn largest_step(run: &[FootObservation], config: &StanceConfig) -> Option<usize> {
-    let reference = run.first()?.world_from_foot;
-    let zero = (Vector6::zeros(), [0.0; 2], 0.0);
+    let first = run.first()?;
+    let point = SurePoint::of(first);
+    let zero = (Vector4::zeros(), [0.0; 2], 0.0);
     let contradicts = |k: usize| {
         let inside = k > 0 && k + 1 < run.len();
         inside
@@ -193,21 +197,27 @@ fn largest_step(run: &[FootObservation], config: &StanceConfig) -> Option<usize>
     };
     let sums = (run.iter().enumerate()).scan(zero, |(sum, squares, count), (k, own)| {
         if !contradicts(k) {
-            *sum += motion(&reference, &own.world_from_foot);
-            let sigmas = sigmas(own.covariance.matrix());
-            *squares = [0, 1].map(|k| squares[k] + sigmas[k] * sigmas[k]);
+            let [x, y, z] = point.displacement(first, own).into();
+            let heading = motion(&first.world_from_foot, &own.world_from_foot)[5];
+            *sum += Vector4::new(x, y, z, heading);
+            let variances = [
+                point.covariance(own).diagonal().max(),
+                own.covariance.matrix()[(5, 5)],
+            ];
+            *squares = [0, 1].map(|k| squares[k] + variances[k]);
             *count += 1.0;
         }
         Some((*sum, *squares, *count))
     });
-    let sums: Vec<(Vector6<f64>, [f64; 2], f64)> = sums.collect();
+    let sums: Vec<(Vector4<f64>, [f64; 2], f64)> = sums.collect();
     let (all, all_squares, all_count) = sums.last()?;
     let candidates = config.min_frames..(run.len() + 1).saturating_sub(config.min_frames);
     let mut largest = (1.0, None);
     for at in candidates {
         let (sum, squares, count) = &sums[at - 1];
         let [before, after] = [*count, all_count - count];
-        let [distance, angle] = sizes(&((all - sum) / after - sum / before));
+        let change = (all - sum) / after - sum / before;
+        let (distance, angle) = (change.xyz().norm(), change.w.abs());
         let [sigma_m, sigma_rad] = [0, 1].map(|k| {
             let of_after = (all_squares[k] - squares[k]) / (after * after);
             (squares[k] / (before * before) + of_after).sqrt()
@@ -228,12 +238,14 @@ fn stance(
     config: &StanceConfig,
 ) -> Option<Stance> {
     let mut pose = mean(&observations[run.clone()], config);
+    let point = SurePoint::of(&observations[run.start]);
     loop {
         let belongs = |k: usize| {
             let own = &observations[k];
             let motion = motion(&pose.0, &own.world_from_foot);
             let tolerance = [config.max_deviation_m, config.max_deviation_rad];
             is_within(&motion, own.covariance.matrix(), tolerance)
+                || point.rests_at(&pose.0, own, 0.5 * config.max_deviation_m)
         };
         let first = run.clone().find(|k| belongs(*k))?;
         let last = run.clone().rfind(|k| belongs(*k))?;
@@ -271,6 +283,24 @@ fn is_continued(a: &Stance, b: &Stance, config: &StanceConfig) -> bool {
 fn is_part_of_one_contact(a: &Stance, b: &Stance, config: &StanceConfig) -> bool {
     let shorter_s = a.duration_s().min(b.duration_s());
     a.seconds_until(b) < config.min_swing_s && shorter_s < config.min_swing_s
+}
+
+/// The stance of two that are parts of one contact: the longer one. The foot rests in the shorter
+/// one as well if it is hardly displaced there; otherwise it comes down or lifts in it.
+fn one_contact(a: &Stance, b: &Stance, config: &StanceConfig) -> Stance {
+    let longer = if b.duration_s() > a.duration_s() {
+        b
+    } else {
+        a
+    };
+    let [distance, angle] = sizes(&motion(&a.world_from_foot, &b.world_from_foot));
+    let rests = distance < config.max_settling_m && angle < config.max_settling_rad;
+    let mut stance = longer.clone();
+    if rests {
+        stance.observations = a.observations.start..b.observations.end;
+        stance.times_ns = [a.times_ns[0], b.times_ns[1]];
+    }
+    stance
 }
 
 /// Mean pose, and covariance of it by independent errors of the frames. Frames far from it count

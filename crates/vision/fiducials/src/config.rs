@@ -50,7 +50,7 @@ config! {
         pub blurred_cells: f64 = 0.7,
         /// Maximum robust cost of a second pose above that of the first, in units of the noise of
         /// pixels: three sigmas squared. Neighboring pixels share their errors, hence more.
-        pub max_excess_cost: f64 = 30.0,
+        pub max_excess_cost: f64 = 80.0,
         /// Multiple of the decrease of the cost that the next iteration promises by which the cost
         /// of a second pose may be too high before its fit is given up.
         pub give_up_ratio: f64 = 3.0,

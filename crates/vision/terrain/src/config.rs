@@ -96,6 +96,12 @@ config! {
         pub common_ratio: f64 = 0.45,
         /// Maximum chi-square per depth of a plane. Above, the surface is not plane.
         pub max_chi_square: f64 = 1.8,
+        /// Maximum root mean square distance of the means of patches of 6 cm from their plane,
+        /// beyond their own errors, m. Above, the ground is rough.
+        pub max_roughness_m: f64 = 0.008,
+        /// Minimum area of a plane without edges that vertices of the mesh are moved to, m2.
+        /// Smaller ones are facets of rough ground.
+        pub min_alone_m2: f64 = 0.6,
         /// Minimum number of samples of a plane in a view.
         pub min_view_depths: u32 = 20,
         /// Edge of a cell of a plane's support, m: about three pixels.
@@ -198,12 +204,12 @@ config! {
     pub struct ConvexConfig {
         /// Area that a part may cover beyond what was observed, as a share of its own and in m2;
         /// the larger applies. More gives fewer parts and larger errors.
-        pub max_uncovered_share: f64 = 0.02,
+        pub max_uncovered_share: f64 = 0.25,
         /// See `max_uncovered_share`.
-        pub max_uncovered_m2: f64 = 0.002,
+        pub max_uncovered_m2: f64 = 0.025,
         /// Minimum area of a plane without edges that gets parts, m2. Smaller ones are facets of
         /// rough ground, which the height layer shows better.
-        pub min_plane_m2: f64 = 0.3,
+        pub min_plane_m2: f64 = 1.0,
         /// Minimum area of a part, m2.
         pub min_part_m2: f64 = 0.002,
         /// Maximum number of corners of a part.
@@ -215,7 +221,7 @@ config! {
         /// Minimum cosine of the slope of ground: 45 degrees.
         pub min_ground_cos: f64 = 0.71,
         /// Distance within which the border of a part is moved to an edge, m.
-        pub edge_reach_m: f64 = 0.03,
+        pub edge_reach_m: f64 = 0.05,
         /// Overlap of parts below their surface, m: a body that slides over flush ones would catch
         /// at their seams.
         pub overlap_m: f64 = 0.01,

@@ -14,13 +14,19 @@ use crate::view::DepthView;
 
 mod allocation;
 pub(crate) mod block;
+mod cells;
+mod fit;
 mod frame;
 pub(crate) mod grid;
 mod integration;
+mod observe;
+mod pixels;
 mod pyramid;
+mod step;
+mod update;
 
 use block::{COUNT, DISTANCE_STEPS, EDGE, WEIGHT_STEPS};
-use frame::Frame;
+use frame::{Frame, Images};
 use grid::{Grid, MAX_COORDINATE};
 use integration::Integration;
 
@@ -62,6 +68,8 @@ pub struct Volume {
     config: FusionConfig,
     grid: Grid,
     views: u64,
+    /// For the next view.
+    images: Images,
 }
 
 /// A voxel of a [`Volume`].
@@ -141,6 +149,7 @@ impl Volume {
             config,
             grid: Grid::default(),
             views: 0,
+            images: Images::default(),
         })
     }
 
@@ -156,10 +165,11 @@ impl Volume {
     pub fn add(&mut self, view: &DepthView<'_>) -> Result<(), TerrainError> {
         view.validate()?;
         self.check_distance(&view.world_from_view)?;
-        let frame = Frame::new(&self.config, view);
+        let frame = Frame::new(&self.config, view, std::mem::take(&mut self.images));
         let keys = allocation::blocks_at_surfaces(&self.config, &frame);
         self.grid.allocate(&keys);
         Integration::new(&self.config, &frame).run(&mut self.grid);
+        self.images = frame.images;
         self.views += 1;
         Ok(())
     }
@@ -181,7 +191,7 @@ impl Volume {
             views: block
                 .surface
                 .as_ref()
-                .map_or(0, |surface| surface[voxel].views),
+                .map_or(0, |surface| surface.views[voxel]),
         })
     }
 
@@ -206,7 +216,7 @@ impl Volume {
 
     /// Metres of a step of a stored distance.
     pub(crate) fn m_per_step(&self) -> f64 {
-        integration::stored_range(&self.config) / f64::from(DISTANCE_STEPS)
+        update::stored_range(&self.config) / f64::from(DISTANCE_STEPS)
     }
 
     /// One standard deviation of a weight, m.

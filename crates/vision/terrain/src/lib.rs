@@ -53,7 +53,7 @@
 //! radians, seconds, pixels. The same input gives the same bytes on any number of threads. Nothing
 //! here knows sessions, files of scenes, feet, or cameras other than rectified views with depth.
 
-#![forbid(unsafe_code)]
+#![deny(unsafe_code)]
 
 mod config;
 pub mod convex;
@@ -62,6 +62,7 @@ mod error;
 pub mod evaluate;
 pub mod fusion;
 pub mod ground;
+mod instructions;
 pub mod maps;
 pub mod mesh;
 pub mod planes;

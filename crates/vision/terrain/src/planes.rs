@@ -20,6 +20,7 @@ mod assignment;
 mod ends;
 pub(crate) mod frame;
 mod outlines;
+mod patches;
 mod plane;
 mod polygon;
 mod regions;
@@ -31,6 +32,7 @@ pub use plane::Plane;
 pub use polygon::Polygon;
 
 use assignment::{Assigner, Extent, Lookup};
+use patches::Patches;
 use sums::ViewSums;
 use support::SupportGrid;
 
@@ -62,6 +64,7 @@ pub struct PlaneRefiner {
 struct Collected {
     sums: Vec<ViewSums>,
     support: SupportGrid,
+    patches: Patches,
     /// Sums of coordinates and number of ends in each cell of the support.
     ends: BTreeMap<u32, ([f64; 2], u32)>,
     /// Views with ends, and the sum of the squared sigmas of their poses, m2.
@@ -111,6 +114,7 @@ impl PlaneRefiner {
                 grid,
             });
             refiner.collected.push(Collected {
+                patches: Patches::around(&support),
                 support,
                 ..Collected::default()
             });
@@ -150,9 +154,13 @@ impl PlaneRefiner {
                 }
             }
         }
-        for (plane, at, reach) in &assignment.hits {
-            let support = &mut self.collected[usize::from(*plane)].support;
-            support.add_square(at.map(f64::from), f64::from(*reach));
+        for hit in &assignment.hits {
+            let collected = &mut self.collected[usize::from(hit.plane)];
+            let [s, t, height] = hit.at;
+            collected.support.add_square([s, t], hit.reach);
+            if hit.is_certain {
+                collected.patches.add([s, t], height, hit.sigma);
+            }
         }
         let mut with_ends: Vec<u16> = ends.iter().map(|(plane, _)| *plane).collect();
         with_ends.sort_unstable();
@@ -203,6 +211,7 @@ fn fitted(config: &PlaneConfig, extent: Extent, collected: Collected) -> Option<
     let Collected {
         mut sums,
         support,
+        patches,
         ends,
         end_views,
         end_pose_squares,
@@ -229,6 +238,10 @@ fn fitted(config: &PlaneConfig, extent: Extent, collected: Collected) -> Option<
         return None;
     }
     let height = covariance * right;
+    let roughness_m = patches.roughness_m(&height, config.correlated_samples);
+    if roughness_m > config.max_roughness_m {
+        return None;
+    }
     let frame = extent.frame.adjusted(height.into());
     let seen = support.mask(support.min_count(config.min_cell_share));
     let observed = support.grown(&support.grown(&seen, 1, true), 1, false);

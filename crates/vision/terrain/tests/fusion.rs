@@ -107,6 +107,36 @@ fn distances_are_those_along_the_normal() {
 }
 
 #[test]
+fn distances_beyond_the_range_keep_their_sign() {
+    // Depths with large sigmas change voxels up to the range of stored distances, and the place of
+    // a voxel in its pixel adds to that.
+    let floor = Scene {
+        solids: vec![Solid::Ground(|_, _| -0.005)],
+    };
+    let mut shot = shoot(
+        &floor,
+        SMALL,
+        pose([0.0, 0.0, 1.5], 0.0, 0.5),
+        Default::default(),
+        Noise::default(),
+    );
+    for (sigma, depth) in shot.sigma_m.iter_mut().zip(&shot.depth_m) {
+        *sigma = 0.03 * depth;
+    }
+    let volume = fused(&[shot]);
+    let (mut known, mut farthest) = (0, 0.0f64);
+    for i in 0..200 * 100 * 8 {
+        let at = [i % 200 + 20, i / 200 % 100 - 50, i / 20_000 + 1];
+        if let Some(voxel) = volume.voxel(at) {
+            assert!(voxel.distance_m > 0.0, "{at:?} {voxel:?}");
+            known += 1;
+            farthest = farthest.max(voxel.distance_m);
+        }
+    }
+    assert!(known > 1000 && farthest > 0.1199, "{known} {farthest}");
+}
+
+#[test]
 fn every_number_of_threads_gives_the_same_volume() {
     let noise = Noise {
         disparity_px: 0.2,

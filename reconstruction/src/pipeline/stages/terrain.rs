@@ -40,7 +40,7 @@ impl Stage<Input> for TerrainStage {
     }
 
     fn version(&self) -> u32 {
-        1
+        2
     }
 
     fn inputs(&self) -> &'static [&'static str] {

@@ -139,7 +139,7 @@ fn parts(found: &Value) -> Chart {
                 quantile(own, "sole_height", "p95_mm"),
             )
         };
-        let label = |own: &Value| match (number(own, "uncovered_share") - 0.02).abs() < 1e-9 {
+        let label = |own: &Value| match (number(own, "uncovered_share") - 0.25).abs() < 1e-9 {
             true => "default",
             false => "",
         };

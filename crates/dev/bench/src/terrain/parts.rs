@@ -13,7 +13,7 @@ use super::truth::Truth;
 use crate::meter::timed;
 
 /// Ratios to the default of the area that a part may cover beyond what was observed.
-const RATIOS: [f64; 7] = [0.25, 0.5, 1.0, 2.5, 5.0, 10.0, 25.0];
+const RATIOS: [f64; 7] = [0.02, 0.04, 0.08, 0.2, 0.4, 1.0, 2.0];
 /// Parts this far from a sole belong to another level, m.
 const LEVEL_M: f64 = 0.4;
 /// Edge of a cell of the table of parts, m.

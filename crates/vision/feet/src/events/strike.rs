@@ -20,8 +20,12 @@ use crate::stance::Stance;
 /// slide at the strike.
 const HEEL_SIGMA_M: f64 = 0.006;
 const PITCH_SIGMA: f64 = 0.02;
-/// Error of a time besides those: feet strike in other ways than this model's, s.
+/// Error of a time besides those: feet strike in other ways than this model's, s; those of people
+/// who run do so flat or on the toe.
 const MODEL_SIGMA_S: f64 = 0.006;
+const RUN_SIGMA_S: f64 = 0.02;
+/// Speed from which on people run, m/s.
+const RUN_SPEED: f64 = 2.0;
 /// How much the pitch may differ from that of the strike before it, rad/s.
 const PITCH_RATE: f64 = 1.5;
 /// Least time from the last frame at rest to the next strike of the foot, s.
@@ -150,9 +154,13 @@ pub(super) fn strike(
     let Some(weights) = weights(&logs) else {
         return unknown(first_s, roll_s);
     };
+    let model_sigma_s = match speed(foot, index) > RUN_SPEED {
+        true => RUN_SIGMA_S,
+        false => MODEL_SIGMA_S,
+    };
     let event = |[time_s, sigma_s]: [f64; 2], is_seen| Event {
         time_s,
-        sigma_s: sigma_s.hypot(MODEL_SIGMA_S),
+        sigma_s: sigma_s.hypot(model_sigma_s),
         is_seen,
     };
     let time = moments(|k| cases[k].0, &weights);
@@ -173,6 +181,17 @@ pub(super) fn strike(
         },
         roll_s: moments(|k| cases[k].1, &weights),
     }
+}
+
+/// Speed of a foot over the step before a stance and the one after it, the greater one, m/s.
+fn speed(foot: &FootStances<'_>, index: usize) -> f64 {
+    let near = &foot.stances[index.saturating_sub(1)..foot.stances.len().min(index + 2)];
+    let speeds = near.windows(2).map(|pair| {
+        let [a, b] = [&pair[0], &pair[1]];
+        let step = b.world_from_foot.translation() - a.world_from_foot.translation();
+        step.norm() / seconds(b.times_ns[0] - a.times_ns[0]).max(0.2)
+    });
+    speeds.fold(0.0, f64::max)
 }
 
 fn unknown(first_s: f64, roll_s: f64) -> Strike {

@@ -121,3 +121,40 @@ fn one_stance_goes_on_while_a_leg_hides_the_foot() {
     let found = stances(&observed(1.5, 3, hidden), &config());
     assert_eq!(found.len(), 1, "{found:?}");
 }
+
+#[test]
+fn frames_with_a_wrong_tilt_about_their_tag_divide_no_stance() {
+    let foot_from_tag = RigidTransform::from_translation_m([0.06, 0.0, 0.09]).unwrap();
+    let of_tag = Covariance::from_sigmas([0.001; 3], [0.03, 0.03, 0.005]).unwrap();
+    let covariance = of_tag.moved(&foot_from_tag);
+    let frames = (0..8).map(|n| {
+        let tilt = match n {
+            1 => -0.3,
+            2 => 0.25,
+            _ => 0.0,
+        };
+        let turn = RigidTransform::from_rotation_vector([0.0, tilt, 0.0], [0.0; 3]).unwrap();
+        FootObservation {
+            time_ns: n * 66_666_667,
+            world_from_foot: foot_from_tag * turn * foot_from_tag.inverse(),
+            covariance,
+        }
+    });
+    let frames: Vec<FootObservation> = frames.collect();
+    let found = stances(&frames, &config());
+    assert_eq!(found.len(), 1, "{found:?}");
+    assert_eq!(found[0].observations, 0..8);
+    let error = found[0].world_from_foot.translation().norm();
+    assert!(error < 0.006, "{error}");
+    // A foot that rolls about its toe moves the tag.
+    let roll = frames.iter().enumerate().map(|(n, own)| {
+        let toe = RigidTransform::from_translation_m([0.15, 0.0, 0.0]).unwrap();
+        let turn = RigidTransform::from_rotation_vector([0.0, 0.1 * n as f64, 0.0], [0.0; 3]);
+        FootObservation {
+            world_from_foot: toe * turn.unwrap() * toe.inverse(),
+            ..*own
+        }
+    });
+    let found = stances(&roll.collect::<Vec<_>>(), &config());
+    assert!(found.is_empty(), "{found:?}");
+}

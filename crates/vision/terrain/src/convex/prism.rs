@@ -44,6 +44,8 @@ struct EdgeLine {
     point: [f64; 2],
     along: [f64; 2],
     length: f64,
+    /// Side of the plane, as the sign of coordinates across the line; 0 if it is on both.
+    side: f64,
 }
 
 /// The prism of a piece, with its border on the edges near it.
@@ -64,7 +66,11 @@ pub(super) fn prism(
         .iter()
         .map(|corner| snapped(*corner, &lines, config.edge_reach_m))
         .collect();
-    let outline = with_at_most(convex_hull(snapped), config.max_corners);
+    let mut outline = convex_hull(snapped);
+    for line in &lines {
+        outline = clipped(outline, line, config.edge_reach_m);
+    }
+    let outline = with_at_most(convex_hull(outline), config.max_corners);
     if outline.len() < 3 {
         return None;
     }
@@ -132,11 +138,67 @@ fn line(plane: &Plane, edge: &Edge) -> Option<EdgeLine> {
     });
     let along = [to[0] - from[0], to[1] - from[1]];
     let length = along[0].hypot(along[1]);
-    (length > 1e-3).then(|| EdgeLine {
+    let mut line = EdgeLine {
         point: from,
         along: along.map(|v| v / length),
         length,
-    })
+        side: 0.0,
+    };
+    line.side = side(plane, &line);
+    (length > 1e-3).then_some(line)
+}
+
+/// Side of a line on which a plane was observed, if it is hardly on the other one.
+fn side(plane: &Plane, line: &EdgeLine) -> f64 {
+    const NEAR_M: [f64; 3] = [0.03, 0.05, 0.07];
+    let samples = (line.length / 0.02).ceil().max(1.0);
+    let count = |sign: f64| {
+        let observed = (0..samples as usize).flat_map(|k| NEAR_M.map(|across| (k, across)));
+        let at = |(k, across): (usize, f64)| {
+            let at = line.at((k as f64 + 0.5) / samples * line.length);
+            let [x, y] = line.along;
+            [at[0] - sign * across * y, at[1] + sign * across * x]
+        };
+        let is_observed = |at: [f64; 2]| {
+            let index = plane.support.index(at);
+            index.is_some_and(|index| plane.observed[index])
+        };
+        observed.map(at).filter(|at| is_observed(*at)).count()
+    };
+    match (count(1.0), count(-1.0)) {
+        (left, right) if left > 3 * right => 1.0,
+        (left, right) if right > 3 * left => -1.0,
+        _ => 0.0,
+    }
+}
+
+/// An outline without what is beyond an edge of its plane.
+fn clipped(outline: Vec<[f64; 2]>, line: &EdgeLine, reach: f64) -> Vec<[f64; 2]> {
+    let inside = |at: [f64; 2]| line.side * line.coordinates(at)[1] >= -1e-9;
+    let beyond = outline.iter().filter(|at| !inside(**at));
+    let (low, high) = beyond
+        .map(|at| line.coordinates(*at)[0])
+        .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), along| {
+            (low.min(along), high.max(along))
+        });
+    let overlap = (high.min(line.length) - low.max(0.0)).max(0.0) + 2.0 * reach;
+    // What is beyond the line has to be mostly beside the edge.
+    if line.side == 0.0 || low > high || 2.0 * overlap < high - low {
+        return outline;
+    }
+    let next = outline.iter().cycle().skip(1);
+    let mut kept = Vec::new();
+    for (a, b) in outline.iter().zip(next) {
+        if inside(*a) {
+            kept.push(*a);
+        }
+        if inside(*a) != inside(*b) {
+            let [from, to] = [a, b].map(|at| line.coordinates(*at));
+            let share = from[1] / (from[1] - to[1]);
+            kept.push(line.at(from[0] + share * (to[0] - from[0])));
+        }
+    }
+    kept
 }
 
 /// A corner moved to the nearest edges within reach: to their meeting if there are two.

@@ -8,14 +8,17 @@ use crate::mesh::Mesh;
 use crate::planes::Planes;
 
 /// Moves vertices of planes onto them, and vertices of no plane within a radius of an edge where
-/// two planes meet onto it. Others, those of rough ground for one, remain.
+/// two planes meet onto it. Others remain; so do those of small planes without edges, which are
+/// facets of rough ground.
 ///
 /// The planes must be those of the mesh.
 pub fn snap(mesh: &mut Mesh, planes: &Planes, edges: &[Edge], radius_m: f64) {
     let meetings = EdgeTable::new(edges, radius_m);
+    let is_facet = facets(planes, edges);
     for i in 0..mesh.positions.len() {
         let x = mesh.positions[i].map(f64::from);
         let of_plane = planes.of_vertex.get(i).copied().flatten();
+        let of_plane = of_plane.filter(|number| !is_facet[*number as usize]);
         // A vertex of a plane is at an edge if it is nearer than vertices are apart.
         let radius = if of_plane.is_some() {
             0.4 * radius_m
@@ -45,6 +48,23 @@ pub fn snap(mesh: &mut Mesh, planes: &Planes, edges: &[Edge], radius_m: f64) {
         mesh.normals[i] = plane.normal.map(|v| v as f32);
         mesh.sigma_m[i] = plane.sigma_at(x) as f32;
     }
+}
+
+/// Which planes have no edge and are small: facets of rough ground.
+fn facets(planes: &Planes, edges: &[Edge]) -> Vec<bool> {
+    let min_alone_m2 = planes.config.min_alone_m2;
+    let mut is_facet: Vec<bool> = planes
+        .planes
+        .iter()
+        .map(|plane| plane.area_m2 < min_alone_m2)
+        .collect();
+    for edge in edges {
+        let (first, second) = edge.planes;
+        for number in [Some(first), second].into_iter().flatten() {
+            is_facet[number as usize] = false;
+        }
+    }
+    is_facet
 }
 
 /// Edge of a cell of the table, m.

@@ -3,23 +3,56 @@
 use rayon::prelude::*;
 
 use super::block::EDGE;
-use super::frame::{Cell, Frame};
+use super::frame::Frame;
 use super::grid::{Key, MAX_COORDINATE, pack};
 use crate::config::FusionConfig;
 
 /// Entries of the table that removes most repetitions before sorting.
 const RECENT: usize = 1024;
 
+/// Steps along a normal whose last blocks are known.
+const MAX_STEPS: usize = 8;
+/// Rows of cells of a task.
+const ROWS: usize = 4;
+
+/// A cell on a plane.
+struct Cell {
+    /// Mean pixel, inverse depth there, 1/m, its gradient, and sigma of depth, m.
+    at: [f32; 2],
+    inverse: f32,
+    gradient: [f32; 2],
+    sigma: f32,
+    /// Outward normal in the view.
+    normal: [f32; 3],
+}
+
+impl Cell {
+    fn of(frame: &Frame<'_>, [column, row]: [usize; 2]) -> Option<Self> {
+        let (cells, planes) = (&frame.images.cells.rows[row], &frame.planes.rows[row]);
+        let gradient = [0, 1].map(|k| planes.gradient[k][column]);
+        (!gradient[0].is_nan()).then(|| Self {
+            at: [0, 1].map(|k| cells.at[k][column + 1]),
+            inverse: planes.inverse[column],
+            gradient,
+            sigma: cells.sigma[column + 1],
+            normal: [0, 1, 2].map(|k| planes.normal[k][column]),
+        })
+    }
+}
+
 /// Packed keys of the blocks within the truncation of the surfaces of an image, sorted.
 pub(crate) fn blocks_at_surfaces(config: &FusionConfig, frame: &Frame<'_>) -> Vec<u64> {
-    let columns = frame.cells_size[0];
-    let rows: Vec<Vec<u64>> = frame
-        .cells
-        .par_chunks(columns * 4)
-        .map(|cells| {
+    let [columns, rows] = frame.images.cells.size;
+    let rows: Vec<Vec<u64>> = (0..rows.div_ceil(ROWS))
+        .into_par_iter()
+        .map(|chunk| {
             let mut recent = Recent::new();
-            for cell in cells {
-                add_cell(config, frame, cell, &mut recent);
+            for row in chunk * ROWS..((chunk + 1) * ROWS).min(rows) {
+                for column in 0..columns {
+                    if let Some(cell) = Cell::of(frame, [column, row]) {
+                        add_cell(config, frame, &cell, &mut recent);
+                    }
+                }
             }
             recent.keys
         })
@@ -34,6 +67,8 @@ pub(crate) fn blocks_at_surfaces(config: &FusionConfig, frame: &Frame<'_>) -> Ve
 struct Recent {
     table: Vec<u64>,
     keys: Vec<u64>,
+    /// The last blocks, from one to another, of each corner of a cell and step along its normal.
+    last: Vec<(Key, Key)>,
 }
 
 impl Recent {
@@ -41,6 +76,7 @@ impl Recent {
         Self {
             table: vec![u64::MAX; RECENT],
             keys: Vec::new(),
+            last: vec![([i32::MAX; 3], [i32::MAX; 3]); 5 * MAX_STEPS],
         }
     }
 
@@ -55,9 +91,7 @@ impl Recent {
 }
 
 fn add_cell(config: &FusionConfig, frame: &Frame<'_>, cell: &Cell, recent: &mut Recent) {
-    let Some([a, b]) = cell.gradient else {
-        return;
-    };
+    let [a, b] = cell.gradient;
     let view = frame.view;
     let side = frame.cell_px;
     let depth = 1.0 / cell.inverse;
@@ -93,7 +127,7 @@ fn add_cell(config: &FusionConfig, frame: &Frame<'_>, cell: &Cell, recent: &mut 
     let steps = ((front + back) / (0.5 * block_m)).ceil().max(1.0);
     let margin = 1.5 * config.voxel_m;
     let blocks_per_m = 1.0 / block_m;
-    for [right, down] in corners {
+    for (corner, [right, down]) in corners.iter().enumerate() {
         let (du, dv) = (half * right, half * down);
         let inverse = cell.inverse + a * du + b * dv;
         if !(inverse > 0.0 && 1.0 / inverse < 1.5 * depth) {
@@ -106,6 +140,14 @@ fn add_cell(config: &FusionConfig, frame: &Frame<'_>, cell: &Cell, recent: &mut 
             let center = [0, 1, 2].map(|k| x[k] + s * normal[k]);
             let block = |offset: f64| center.map(|c| floor_i32((c + offset) * blocks_per_m));
             let (from, to) = (block(-margin), block(margin));
+            // Mostly those of the cell before.
+            let known = recent.last.get_mut(corner * MAX_STEPS + step);
+            if let Some(known) = known {
+                if *known == (from, to) {
+                    continue;
+                }
+                *known = (from, to);
+            }
             if from.iter().chain(&to).any(|k| k.abs() > MAX_COORDINATE) {
                 continue;
             }

@@ -13,6 +13,9 @@ pub(crate) const WEIGHT_STEPS: f32 = 4096.0;
 /// Steps of the range of distances.
 pub(crate) const DISTANCE_STEPS: f32 = 32767.0;
 
+/// Steps of the length of a normal.
+pub(crate) const NORMAL_STEPS: f32 = 32767.0;
+
 /// What is known of the surface at a voxel.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct SurfaceVoxel {
@@ -20,12 +23,51 @@ pub(crate) struct SurfaceVoxel {
     pub(crate) color: [u8; 3],
     /// Rank of the view that gave the color: the nearer, the higher; 0 without color.
     pub(crate) color_rank: u8,
-    /// Mean outward normal in the world, octahedral (Cigolle et al. 2014).
-    pub(crate) normal: [i16; 2],
+    /// Mean outward normal in the world, in steps; 0 where none was seen.
+    pub(crate) normal: [i16; 3],
     /// Views that saw the surface here, at most 255.
     pub(crate) views: u8,
-    /// Views that saw through it, less those that saw it.
-    pub(crate) contradictions: u8,
+}
+
+/// What is known of the surface at the voxels of a block; see [`SurfaceVoxel`].
+#[derive(Clone, Debug)]
+pub(crate) struct SurfaceLayer {
+    pub(crate) normal: [[i16; COUNT]; 3],
+    pub(crate) views: [u8; COUNT],
+    /// Views that saw through a voxel, less those that saw a surface there.
+    pub(crate) contradictions: [u8; COUNT],
+    pub(crate) color: [[u8; 3]; COUNT],
+    pub(crate) color_rank: [u8; COUNT],
+}
+
+impl SurfaceLayer {
+    pub(crate) fn new() -> Box<Self> {
+        Box::new(Self {
+            normal: [[0; COUNT]; 3],
+            views: [0; COUNT],
+            contradictions: [0; COUNT],
+            color: [[0; 3]; COUNT],
+            color_rank: [0; COUNT],
+        })
+    }
+
+    pub(crate) fn at(&self, voxel: usize) -> SurfaceVoxel {
+        SurfaceVoxel {
+            color: self.color[voxel],
+            color_rank: self.color_rank[voxel],
+            normal: [0, 1, 2].map(|k| self.normal[k][voxel]),
+            views: self.views[voxel],
+        }
+    }
+
+    /// Forgets a voxel.
+    pub(crate) fn clear(&mut self, voxel: usize) {
+        for of in &mut self.normal {
+            of[voxel] = 0;
+        }
+        (self.views[voxel], self.contradictions[voxel]) = (0, 0);
+        (self.color[voxel], self.color_rank[voxel]) = ([0; 3], 0);
+    }
 }
 
 /// Voxels of a block, and what all of them share.
@@ -33,7 +75,7 @@ pub(crate) struct SurfaceVoxel {
 pub(crate) struct Block {
     pub(crate) distance: [i16; COUNT],
     pub(crate) weight: [u16; COUNT],
-    pub(crate) surface: Option<Box<[SurfaceVoxel; COUNT]>>,
+    pub(crate) surface: Option<Box<SurfaceLayer>>,
     /// Least sigma along the normal of an observation at a surface, m.
     pub(crate) best_sigma_m: f32,
     /// Times that a voxel was seen through and lost weight.
@@ -52,46 +94,7 @@ impl Block {
     }
 
     pub(crate) fn bytes(&self) -> usize {
-        let layer = size_of::<[SurfaceVoxel; COUNT]>();
+        let layer = size_of::<SurfaceLayer>();
         size_of::<Self>() + self.surface.as_ref().map_or(0, |_| layer)
-    }
-}
-
-/// Octahedral code of a unit vector.
-pub(crate) fn encode_normal(n: [f32; 3]) -> [i16; 2] {
-    let sum = n[0].abs() + n[1].abs() + n[2].abs();
-    let (mut x, mut y) = (n[0] / sum, n[1] / sum);
-    if n[2] < 0.0 {
-        let sign = |v: f32| if v < 0.0 { -1.0 } else { 1.0 };
-        (x, y) = ((1.0 - y.abs()) * sign(x), (1.0 - x.abs()) * sign(y));
-    }
-    [x, y].map(|v| (v * 32767.0) as i16)
-}
-
-/// Unit vector of an octahedral code.
-pub(crate) fn decode_normal(code: [i16; 2]) -> [f32; 3] {
-    let [x, y] = code.map(|v| f32::from(v) / 32767.0);
-    let z = 1.0 - x.abs() - y.abs();
-    let fold = (-z).max(0.0);
-    let shift = |v: f32| if v < 0.0 { v + fold } else { v - fold };
-    let v = [shift(x), shift(y), z];
-    let norm = (v[0] * v[0] + v[1] * v[1] + v[2] * v[2]).sqrt();
-    v.map(|c| c / norm)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn normals_survive_their_code() {
-        for i in 0..200 {
-            let v = [0, 1, 2].map(|k| counter_random::uniform(5, k, i) as f32 - 0.5);
-            let norm = (v[0] * v[0] + v[1] * v[1] + v[2] * v[2]).sqrt();
-            let n = v.map(|c| c / norm);
-            let back = decode_normal(encode_normal(n));
-            let error = (0..3).map(|k| (n[k] - back[k]).abs()).fold(0.0, f32::max);
-            assert!(error < 2e-4, "{n:?} {back:?}");
-        }
     }
 }

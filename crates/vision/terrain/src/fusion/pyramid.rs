@@ -1,7 +1,7 @@
 //! Least and greatest depth of areas of an image, by a pyramid: blocks that a view cannot change
 //! are skipped as a whole.
 
-use super::frame::Cell;
+use super::cells::{CellRow, Cells};
 
 /// See the module. Level 0 are the cells of the image, each level halves.
 #[derive(Debug)]
@@ -23,11 +23,13 @@ fn union(a: [f32; 2], b: [f32; 2]) -> [f32; 2] {
 }
 
 impl DepthPyramid {
-    pub(crate) fn new(size: [usize; 2], cells: &[Cell]) -> Self {
-        let range = cells
-            .iter()
-            .map(|cell| [cell.min_depth, cell.max_depth])
-            .collect();
+    pub(crate) fn new(cells: &Cells) -> Self {
+        let size = cells.size;
+        let of_row = |row: &CellRow| {
+            let of = |i: usize| [row.min_depth[i], row.max_depth[i]];
+            (1..=size[0]).map(of).collect::<Vec<[f32; 2]>>()
+        };
+        let range = cells.rows.iter().flat_map(of_row).collect();
         let mut levels = vec![Level { size, range }];
         while let Some(below) = levels
             .last()
@@ -71,18 +73,16 @@ mod tests {
     #[test]
     fn ranges_contain_those_of_the_cells() {
         let size = [37, 22];
-        let cells: Vec<Cell> = (0..size[0] * size[1])
-            .map(|i| {
-                let depth = counter_random::uniform(1, 2, i as u64) as f32 + 1.0;
-                let is_empty = i % 5 == 0;
-                Cell {
-                    min_depth: if is_empty { f32::INFINITY } else { depth },
-                    max_depth: if is_empty { 0.0 } else { depth },
-                    ..Cell::default()
-                }
-            })
-            .collect();
-        let pyramid = DepthPyramid::new(size, &cells);
+        let mut cells = Cells::default();
+        cells.resize(size);
+        for (i, row) in cells.rows.iter_mut().enumerate() {
+            for j in (0..size[0]).filter(|j| (i + j) % 5 != 0) {
+                let counter = (i * size[0] + j) as u64;
+                let depth = counter_random::uniform(1, 2, counter) as f32 + 1.0;
+                (row.min_depth[j + 1], row.max_depth[j + 1]) = (depth, depth);
+            }
+        }
+        let pyramid = DepthPyramid::new(&cells);
         for (from, to) in [
             ([0, 0], [0, 0]),
             ([3, 2], [9, 4]),
@@ -92,8 +92,9 @@ mod tests {
             let found = pyramid.range(from, to).unwrap_or(NOTHING);
             for row in from[1]..=to[1] {
                 for column in from[0]..=to[0] {
-                    let cell = &cells[row * size[0] + column];
-                    assert!(cell.max_depth <= found[1] && cell.min_depth >= found[0]);
+                    let cells = &cells.rows[row];
+                    assert!(cells.max_depth[column + 1] <= found[1]);
+                    assert!(cells.min_depth[column + 1] >= found[0]);
                 }
             }
         }

@@ -3,7 +3,7 @@
 use super::vertex::{Crossing, Vertex};
 use crate::config::MeshConfig;
 use crate::fusion::Volume;
-use crate::fusion::block::{COUNT, EDGE, SurfaceVoxel, decode_normal};
+use crate::fusion::block::{COUNT, EDGE, SurfaceVoxel};
 use crate::fusion::grid::Key;
 
 /// Voxels along an edge.
@@ -52,7 +52,7 @@ impl Neighborhood {
             around.distance[i] = f32::from(block.distance[voxel]) * scale;
             around.weight[i] = block.weight[voxel];
             if let Some(surface) = &block.surface {
-                around.surface[i] = surface[voxel];
+                around.surface[i] = surface.at(voxel);
             }
             has_inside |= block.distance[voxel] < 0;
             has_outside |= block.distance[voxel] >= 0;
@@ -122,7 +122,7 @@ impl Neighborhood {
                 let surface = &self.surface[nearest];
                 let normal = match surface.views {
                     0 => self.gradient(corners),
-                    _ => decode_normal(surface.normal).map(f64::from),
+                    _ => surface.normal.map(f64::from),
                 };
                 crossings[count] = Crossing { position, normal };
                 count += 1;

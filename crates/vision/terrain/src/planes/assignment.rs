@@ -68,13 +68,13 @@ impl Lookup {
 pub(crate) struct Hit {
     pub(crate) plane: u16,
     /// Coordinates where the ray meets the plane, and height of the depth above it.
-    at: [f64; 3],
+    pub(crate) at: [f64; 3],
     /// One standard deviation along the normal, m.
-    sigma: f64,
+    pub(crate) sigma: f64,
     /// Half of the distance to the next sample on the plane, m.
-    reach: f64,
+    pub(crate) reach: f64,
     /// Whether the ray ends at this plane for certain.
-    is_certain: bool,
+    pub(crate) is_certain: bool,
 }
 
 /// What a view shows of planes.
@@ -86,8 +86,8 @@ pub(crate) struct Assignment {
     pub(crate) labels: Vec<u16>,
     /// Normal equations of planes, in the order of rows.
     pub(crate) sums: Vec<(u16, ViewSums)>,
-    /// Coordinates of depths on planes, and half of the side of what they stand for, m.
-    pub(crate) hits: Vec<(u16, [f32; 2], f32)>,
+    /// Depths on planes.
+    pub(crate) hits: Vec<Hit>,
 }
 
 /// Assigns depths of a view to planes.
@@ -116,11 +116,10 @@ impl Assigner<'_> {
                         continue;
                     };
                     *label = hit.plane;
-                    let at = [hit.at[0] as f32, hit.at[1] as f32];
-                    hits.push((hit.plane, at, hit.reach as f32));
                     if hit.is_certain {
                         self.add(&mut sums, &hit);
                     }
+                    hits.push(hit);
                 }
                 (sums, hits)
             })
@@ -143,9 +142,9 @@ impl Assigner<'_> {
             sums.push((hit.plane, ViewSums::default()));
             sums.len() - 1
         });
-        // Half a millimetre: rounding of stored depths.
-        let sigma = hit.sigma.hypot(5e-4);
-        sums[position].1.add(hit.at, sigma, self.view.pose_sigma_m);
+        sums[position]
+            .1
+            .add(hit.at, hit.sigma, self.view.pose_sigma_m);
     }
 
     /// The plane of a pixel.
@@ -205,7 +204,8 @@ impl Assigner<'_> {
                 best = Some(Hit {
                     plane: *plane,
                     at: [s, t, height],
-                    sigma: along,
+                    // Half a millimetre: rounding of stored depths.
+                    sigma: along.hypot(5e-4),
                     reach: reach / (cos / ray.norm()).max(MIN_REACH_COS),
                     is_certain: extent.interior[index],
                 });
