@@ -9,6 +9,8 @@ config! {
         pub prediction: PredictionConfig = PredictionConfig::default(),
         /// Search for tags that are not where they are predicted.
         pub search: SearchConfig = SearchConfig::default(),
+        /// Images that repeat the one before.
+        pub repeated: RepeatedConfig = RepeatedConfig::default(),
         /// Fit of a tag.
         pub fit: fiducials::Config = fiducials::Config::default(),
         /// Maximum speed of a foot, m/s. Faster ones are mismatches.
@@ -55,6 +57,48 @@ config! {
         pub turns_rad: [f64; 3] = [0.0, -0.3, 0.3],
         /// Difference of heights of a foot that are tried apart, m.
         pub height_m: f64 = 0.08,
+    }
+
+    /// Images that repeat the one before.
+    pub struct RepeatedConfig {
+        /// Share of the rows from which on an image is one: noise differs in each of them.
+        pub max_share: f64 = 0.05,
+        /// Speed of the rig, m/s, and angular rate, rad/s, from which on its images differ.
+        pub min_motion: [f64; 2] = [0.05, 0.05],
+    }
+
+    /// Clocks of cameras, from feet at rest.
+    pub struct ClockConfig {
+        /// Least number of stances that say something.
+        pub min_stances: f64 = 6.0,
+        /// Least number of frames of a stance that says something.
+        pub min_frames: usize = 4,
+        /// Standard deviation of a place besides that of its pose: soles bend, m.
+        pub place_sigma_m: f64 = 0.002,
+        /// Largest standard deviation by that alone with which an error is known, s.
+        pub max_sigma_s: f64 = 0.003,
+        /// Standard deviation that all stances share, s: feet that roll move with the rig.
+        pub shared_sigma_s: f64 = 5e-4,
+        /// Standard deviations from which on an error is one, and its least size, s.
+        pub min_sigmas: f64 = 4.0,
+        /// See `min_sigmas`.
+        pub min_error_s: f64 = 0.002,
+        /// Largest error, s: frames of another step.
+        pub max_error_s: f64 = 0.06,
+    }
+
+    /// Jumps of the poses of the rig, from feet at rest.
+    pub struct JumpConfig {
+        /// Longest time between two frames between which a jump is, s.
+        pub max_interval_s: f64 = 0.2,
+        /// Least time for which a foot is at rest before and after it, s.
+        pub min_rest_s: f64 = 0.06,
+        /// Least displacement, m.
+        pub min_shift_m: f64 = 0.025,
+        /// Largest rotation, rad: feet that step turn or tilt.
+        pub max_turn_rad: f64 = 0.1,
+        /// Frames before and after it that count.
+        pub frames: usize = 4,
     }
 
     /// Feet from their tags.

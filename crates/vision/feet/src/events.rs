@@ -6,7 +6,8 @@
 //! around it, see `events/rhythm.rs`, and from the lift of the other foot. Toe offs
 //! come from the toe where frames show it leave, and from the strike of the other foot, see
 //! `events/lift.rs`. What is typical of the wearer's steps is learned from those that are seen
-//! well, and then used for the others. So is how the trunk moves around a strike, see
+//! well, and then used for the others. Where no frame shows either foot, see `events/unseen.rs`,
+//! neither does the gait say anything: an event may have been at any time in it. So is how the trunk moves around a strike, see
 //! `events/trunk.rs`.
 
 use crate::config::EventConfig;
@@ -20,12 +21,14 @@ mod rhythm;
 mod strike;
 mod times;
 mod trunk;
+mod unseen;
 
 use self::lift::{Lift, LiftHabit, bearing_share, lift};
 use self::rhythm::{Step, rhythm};
 use self::strike::{Strike, StrikeHabit, strike};
 pub use self::trunk::RigHeights;
 use self::trunk::TrunkHabit;
+use self::unseen::Unseen;
 
 /// The contacts of both feet, left and right, from their stances and the heights of the rig.
 pub fn contacts(
@@ -33,10 +36,11 @@ pub fn contacts(
     heights: &RigHeights,
     config: &EventConfig,
 ) -> [Vec<Contact>; 2] {
-    let habit = StrikeHabit::generic(config);
-    let generic = feet.map(|foot| strikes(&foot, &habit, config));
+    let unseen = Unseen::of(&feet);
+    let strikes_of = |habit: &StrikeHabit| feet.map(|foot| strikes(&foot, &unseen, habit, config));
+    let generic = strikes_of(&StrikeHabit::generic(config));
     let habit = StrikeHabit::learned(generic.iter().flatten(), config);
-    let shown = feet.map(|foot| strikes(&foot, &habit, config));
+    let shown = strikes_of(&habit);
     let sure = [0, 1].into_iter().flat_map(|side: usize| {
         let own = shown[side].iter().map(|own| own.heel_strike).enumerate();
         let of_level = own.filter(move |(k, _)| is_level(&feet[side], *k));
@@ -51,24 +55,31 @@ pub fn contacts(
     let lifts = |strikes: &[Vec<Strike>; 2], habit: &LiftHabit| {
         [0, 1].map(|side| {
             let (foot, own, other) = (&feet[side], &strikes[side], &strikes[1 - side]);
-            let lift = |k: usize| lift(foot, k, own, other, habit, config);
+            let lift = |k: usize| {
+                let unseen = unseen.after(foot, k);
+                lift(foot, k, [own, other], unseen, habit, config)
+            };
             (0..foot.stances.len()).map(lift).collect::<Vec<_>>()
         })
     };
     let shown_lifts = lifts(&shown, &generic);
-    let by_rhythm = rhythm(&[0, 1].map(|side| steps(&feet[side], &shown[side], side)));
+    let by_rhythm = rhythm(&[0, 1].map(|side| steps(&feet[side], &unseen, &shown[side], side)));
     let strikes = [0, 1].map(|side| -> Vec<Strike> {
         let (foot, own) = (&feet[side], &shown[side]);
         let again = |k: usize| {
             let shown = own[k].heel_strike;
             if shown.is_seen {
-                return strike(foot, k, by_trunk(foot, k, shown.time_s), &habit, config);
+                let prior = by_trunk(foot, k, shown.time_s);
+                return strike(foot, k, (prior, None), &habit, config);
+            }
+            if unseen.before(foot, k).is_some() {
+                return own[k].clone();
             }
             let by_lift = before_lift(foot, k, &shown_lifts[1 - side]);
             let prior = product(by_rhythm[side][k], by_lift);
-            let expected = strike(foot, k, prior, &habit, config);
+            let expected = strike(foot, k, (prior, None), &habit, config);
             let prior = product(prior, by_trunk(foot, k, expected.heel_strike.time_s));
-            strike(foot, k, prior, &habit, config)
+            strike(foot, k, (prior, None), &habit, config)
         };
         (0..own.len()).map(again).collect()
     });
@@ -105,10 +116,15 @@ fn is_level(foot: &FootStances<'_>, index: usize) -> bool {
     rise.is_some_and(|rise| rise.abs() < MAX_RISE_M)
 }
 
-fn strikes(foot: &FootStances<'_>, habit: &StrikeHabit, config: &EventConfig) -> Vec<Strike> {
+fn strikes(
+    foot: &FootStances<'_>,
+    unseen: &Unseen,
+    habit: &StrikeHabit,
+    config: &EventConfig,
+) -> Vec<Strike> {
     let stances = 0..foot.stances.len();
     stances
-        .map(|k| strike(foot, k, None, habit, config))
+        .map(|k| strike(foot, k, (None, unseen.before(foot, k)), habit, config))
         .collect()
 }
 
@@ -121,7 +137,7 @@ const BOTH_SIGMA: f64 = 0.04;
 const STRIDE_S: f64 = 1.1;
 
 /// The strikes of a foot as each is known by itself.
-fn steps(foot: &FootStances<'_>, strikes: &[Strike], side: usize) -> Vec<Step> {
+fn steps(foot: &FootStances<'_>, unseen: &Unseen, strikes: &[Strike], side: usize) -> Vec<Step> {
     let both = foot.stances.iter().zip(strikes).enumerate();
     let step = |(index, (stance, strike)): (usize, (&Stance, &Strike))| {
         let [first_s, last_s] = stance.times_ns.map(seconds);
@@ -132,6 +148,7 @@ fn steps(foot: &FootStances<'_>, strikes: &[Strike], side: usize) -> Vec<Step> {
             stands_s: 0.5 * (first_s + last_s),
             place: *stance.world_from_foot.translation(),
             strike: [strike.time_s, strike.sigma_s],
+            is_after_unseen: unseen.before(foot, index).is_some(),
         }
     };
     both.map(step).collect()

@@ -8,15 +8,18 @@
 //! the toe, y to the left, z up from the sole. Nothing here knows sessions, files or images other
 //! than gray ones.
 
+pub mod camera_clock;
 pub mod causal;
 mod config;
 mod contact;
 mod deviation;
 pub mod events;
 mod eye_agreement;
+pub mod jump;
 pub mod observation;
 mod poses;
 mod prediction;
+mod repeated_image;
 pub mod shoe;
 pub mod stance;
 pub mod swing;
@@ -28,6 +31,6 @@ mod test_noise;
 pub mod track;
 
 pub use config::{
-    Config, EventConfig, FootConfig, GaitConfig, PlacementConfig, PredictionConfig, SearchConfig,
-    StanceConfig, SwingConfig,
+    ClockConfig, Config, EventConfig, FootConfig, GaitConfig, JumpConfig, PlacementConfig,
+    PredictionConfig, RepeatedConfig, SearchConfig, StanceConfig, SwingConfig,
 };

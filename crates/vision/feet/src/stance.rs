@@ -109,7 +109,10 @@ pub fn stances(observations: &[FootObservation], config: &StanceConfig) -> Vec<S
 
 /// Runs of observations between which a foot hardly moves, besides single ones that contradict
 /// those before and after them.
-fn runs_at_rest(observations: &[FootObservation], config: &StanceConfig) -> Vec<Range<usize>> {
+pub(crate) fn runs_at_rest(
+    observations: &[FootObservation],
+    config: &StanceConfig,
+) -> Vec<Range<usize>> {
     let mut runs = Vec::new();
     let (mut begin, mut last) = (0, 0);
     let agrees = |a: usize, b: usize| {

@@ -4,7 +4,7 @@
 //! foot is fitted where the foot is predicted, in both eyes, with its motion; where it is not, it
 //! is searched near there, and after a while in the whole image: as a quadrilateral, and, where the
 //! motion of the rig blurs a tag at rest, by the pattern of such a tag. What a frame does not show
-//! gives no detection. Detections depend on earlier frames through the prediction only: their poses
+//! gives no detection, nor does one that repeats the image before it while the rig moves. Detections depend on earlier frames through the prediction only: their poses
 //! are those of the images.
 
 use cad_transforms::RigidTransform;
@@ -17,6 +17,7 @@ use crate::config::Config;
 use crate::eye_agreement;
 use crate::poses;
 use crate::prediction::{FootMotion, FootPose};
+use crate::repeated_image::LastImage;
 use crate::shoe::{Shoe, ShoeTag};
 
 /// A stereo camera of the rig.
@@ -84,6 +85,9 @@ pub struct TagTracker {
     feet: Vec<Option<FootMotion>>,
     /// Number of frames before this one.
     frames: u64,
+    /// Last left image by camera, and number of frames that repeat it.
+    last: Vec<LastImage>,
+    repeated: u64,
 }
 
 impl TagTracker {
@@ -100,6 +104,8 @@ impl TagTracker {
             searchers: cameras.iter().map(searcher).collect(),
             feet: vec![None; shoes.len()],
             frames: 0,
+            last: vec![LastImage::default(); cameras.len()],
+            repeated: 0,
             shoes,
             cameras,
             config,
@@ -111,6 +117,11 @@ impl TagTracker {
     /// # Panics
     /// If the rig has no such camera.
     pub fn add(&mut self, frame: &Frame<'_>) -> Vec<Detection> {
+        if self.is_repeated(frame) {
+            self.repeated += 1;
+            self.frames += 1;
+            return Vec::new();
+        }
         let mut found = Vec::new();
         for shoe in 0..self.shoes.len() {
             found.extend(self.predicted(frame, shoe));
@@ -132,6 +143,23 @@ impl TagTracker {
         }
         self.frames += 1;
         found
+    }
+
+    /// Number of frames so far that repeat the image before them while the rig moves: they show
+    /// nothing of their time.
+    pub fn repeated_images(&self) -> u64 {
+        self.repeated
+    }
+
+    fn is_repeated(&mut self, frame: &Frame<'_>) -> bool {
+        let config = &self.config.repeated;
+        let repeats = self.last[frame.camera].is_repeated(&frame.images[0], config);
+        let moves = frame.rig.is_some_and(|rig| {
+            let sizes =
+                [rig.motion.linear, rig.motion.angular].map(|own| Vector3::from(own).norm());
+            (0..2).any(|k| sizes[k] > config.min_motion[k])
+        });
+        repeats && moves
     }
 
     /// Tags of a shoe where they are predicted, or near there.

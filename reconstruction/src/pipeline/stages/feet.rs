@@ -10,18 +10,16 @@
 use std::collections::BTreeSet;
 
 use ::feet::causal::causal_poses;
-use ::feet::events::{Contact, Event, FootStances, RigHeights, contacts};
-use ::feet::observation::{
-    FootCandidates, TagPose, causal_observations, foot_candidates, foot_observations,
-};
+use ::feet::events::{Contact, Event};
+use ::feet::observation::causal_observations;
 use ::feet::shoe::Side;
-use ::feet::stance::{FootObservation, Stance, stances};
 use ::feet::swing_habit::SwingHabit;
 use ::feet::tag_placement::{
     Estimate, PlacementError, Quantity, Slip, are_exchanged, placement_error, slip,
 };
 use ::feet::track::{self, FootContacts, foot_poses};
-use ::feet::{FootConfig, GaitConfig, PlacementConfig};
+use ::feet::{ClockConfig, FootConfig, GaitConfig, JumpConfig, PlacementConfig};
+use cad_transforms::Covariance;
 use cad_transforms::rig::Foot;
 use scene_bundle::outputs::contacts::{ContactEvent, ContactView, FootContact};
 use scene_bundle::outputs::feet::{FootPose, FootStatus};
@@ -35,14 +33,16 @@ use scene_bundle::{Pose, Status, Trajectory};
 use serde_json::{Value, json};
 
 use self::contact_views::{ContactViewConfig, Keyframes, contact_views};
-use self::ground_below::{GroundBelow, GroundBelowConfig, corrected, places};
+use self::gait::{Gait, candidates, on_one_clock, without_jumps};
+use self::ground_below::{GroundBelow, GroundBelowConfig, corrected, places, remaining};
 use super::depth_frames::{DepthFrame, instants};
-use super::pose_interpolation::pose_at;
 use super::soles::{edges, outline, shoe};
 use crate::input::Input;
 use crate::pipeline::{Findings, Stage, StageError, Work};
 
 mod contact_views;
+mod continuous;
+mod gait;
 mod ground_below;
 
 /// See the module.
@@ -54,7 +54,7 @@ impl Stage<Input> for FeetStage {
     }
 
     fn version(&self) -> u32 {
-        3
+        4
     }
 
     fn inputs(&self) -> &'static [&'static str] {
@@ -76,6 +76,8 @@ impl Stage<Input> for FeetStage {
         json!({
             "foot": FootConfig::default(),
             "gait": GaitConfig::default(),
+            "clock": ClockConfig::default(),
+            "jump": JumpConfig::default(),
             "placement": PlacementConfig::default(),
             "ground_below": GroundBelowConfig::default(),
             "contact_views": ContactViewConfig::default(),
@@ -124,11 +126,27 @@ pub fn feet(
     let mut rig = rig.clone();
     let config = GaitConfig::default();
     let soles = Foot::ALL.map(|foot| edges(&rig, foot));
-    let mut gait = Gait::new(&rig, trajectory, detections);
-    if correct_placement(work, &mut rig, ground, &gait.contacts) {
-        gait = Gait::new(&rig, trajectory, detections);
+    let detections = &on_one_clock(work, &rig, trajectory, detections)[..];
+    let continuous = without_jumps(work, &rig, trajectory, detections);
+    let of_rig = |rig: &RigModel| Gait::new(rig, &continuous.trajectory, detections);
+    let mut gait = of_rig(&rig);
+    let in_world = gait
+        .contacts
+        .each_ref()
+        .map(|own| continuous.contacts_back(own));
+    let (is_corrected, placements) = correct_placement(work, &mut rig, ground, &in_world);
+    if is_corrected {
+        gait = of_rig(&rig);
     }
-    let Gait { observed, contacts } = gait;
+    let Gait {
+        observed,
+        mut contacts,
+    } = gait;
+    for (contacts, placement) in contacts.iter_mut().zip(&placements) {
+        for own in contacts {
+            own.stance.covariance = own.stance.covariance.plus(placement);
+        }
+    }
     let times: Vec<i64> = trajectory.poses().iter().map(|pose| pose.time_ns).collect();
     let mut poses = Vec::with_capacity(2 * times.len());
     let mut causal = Vec::with_capacity(2 * times.len());
@@ -147,7 +165,10 @@ pub fn feet(
             let found = foot_poses(known, &habit, &times, &config.swing);
             let rigs = trajectory.poses().iter();
             let of_rig = |(rig, own): (&Pose, track::FootPose)| foot_pose(foot, rig, &own);
-            poses.extend(rigs.clone().zip(found).map(of_rig));
+            poses.extend(rigs.clone().zip(found).map(|(rig, mut own)| {
+                own.world_from_foot = continuous.back(own.time_ns) * own.world_from_foot;
+                foot_pose(foot, rig, &own)
+            }));
             let until_then = candidates(foot, &rig, trajectory, detections);
             let until_then = causal_observations(until_then, &FootConfig::default());
             let found = causal_poses(&until_then, &times, &config);
@@ -157,60 +178,28 @@ pub fn feet(
         for (foot, known) in Foot::ALL.into_iter().zip(&known) {
             report_restless(work, foot, known);
         }
+        report_unseen(work, &known);
     } else {
         work.note("no tag on a shoe was seen: there are no contacts and no poses of feet");
     }
     Feet {
-        contacts,
+        contacts: contacts.each_ref().map(|own| continuous.contacts_back(own)),
         poses,
         causal,
     }
 }
 
-/// What the tags show of both feet.
-struct Gait {
-    observed: [Vec<FootObservation>; 2],
-    contacts: [Vec<Contact>; 2],
-}
-
-impl Gait {
-    fn new(rig: &RigModel, trajectory: &Trajectory, detections: &[TagDetection]) -> Self {
-        let config = GaitConfig::default();
-        let observed = Foot::ALL.map(|foot| {
-            let candidates = candidates(foot, rig, trajectory, detections);
-            foot_observations(candidates, &FootConfig::default())
-        });
-        let at_rest: [Vec<Stance>; 2] = observed.each_ref().map(|own| stances(own, &config.stance));
-        let seen = [0, 1].map(|k: usize| FootStances {
-            observations: &observed[k],
-            stances: &at_rest[k],
-            sole: edges(rig, Foot::ALL[k]),
-        });
-        let known = trajectory
-            .poses()
-            .iter()
-            .filter(|pose| pose.status != Status::Lost);
-        let height = |pose: &Pose| {
-            [
-                1e-9 * pose.time_ns as f64,
-                pose.world_from_rig.translation_m()[2],
-            ]
-        };
-        let heights = RigHeights::new(known.map(height).collect());
-        let contacts = contacts(seen, &heights, &config.events);
-        Self { observed, contacts }
-    }
-}
-
-/// Corrects the placement of the tags by the ground below the feet at rest; whether it did.
+/// Corrects the placement of the tags by the ground below the feet at rest: whether it did, and
+/// what is uncertain of the pose of each foot by what remains of their tolerance.
 /// Reports tags that slipped, that are exchanged, and those that the ground contradicts.
 fn correct_placement(
     work: &Findings,
     rig: &mut RigModel,
     ground: &TerrainMesh,
     contacts: &[Vec<Contact>; 2],
-) -> bool {
+) -> (bool, [Covariance; 2]) {
     let config = PlacementConfig::default();
+    let mut uncertain = [Covariance::zero(); 2];
     let [left, right] = contacts.each_ref().map(|own| places(own));
     if are_exchanged([&left, &right], &config) {
         work.record_loss(
@@ -220,8 +209,12 @@ fn correct_placement(
     }
     let ground = GroundBelow::new(ground);
     let mut is_corrected = false;
-    for (foot, contacts) in Foot::ALL.into_iter().zip(contacts) {
-        let samples = ground.samples(contacts);
+    for (k, foot) in Foot::ALL.into_iter().enumerate() {
+        let samples = ground.samples(&contacts[k]);
+        let none = PlacementError::default();
+        if let Some(tag) = shoe(rig, foot).and_then(|shoe| shoe.tags.first()) {
+            uncertain[k] = remaining(tag, &none, &config);
+        }
         if let Some(slip) = slip(&samples, &config) {
             work.record_loss(slip_message(foot, &slip));
             // Before and after it the placement differs.
@@ -230,6 +223,7 @@ fn correct_placement(
         let error = placement_error(&samples, &config);
         let shoes = rig.shoes.iter_mut().filter(|shoe| shoe.foot == foot);
         for tag in shoes.flat_map(|shoe| &mut shoe.tags) {
+            uncertain[k] = remaining(tag, &error, &config);
             let (place, contradicts) = corrected(tag, &error, &config);
             if contradicts {
                 work.record_loss(placement_message(foot, &error));
@@ -253,7 +247,7 @@ fn correct_placement(
             ));
         }
     }
-    is_corrected
+    (is_corrected, uncertain)
 }
 
 fn slip_message(foot: Foot, slip: &Slip) -> String {
@@ -333,6 +327,27 @@ fn report_restless(work: &Findings, foot: Foot, known: &FootContacts<'_>) {
     }
 }
 
+/// Time without either foot in which a step is missing, s.
+const MAX_UNSEEN_S: f64 = 0.8;
+
+/// Reports times in which no frame shows a foot: no frames, or no poses of the rig for them.
+fn report_unseen(work: &Findings, known: &[FootContacts<'_>; 2]) {
+    let seen = known.iter().flat_map(|foot| foot.observations);
+    let mut times_s: Vec<f64> = seen.map(|own| 1e-9 * own.time_ns as f64).collect();
+    times_s.sort_by(f64::total_cmp);
+    let pairs = times_s.windows(2).map(|pair| (pair[0], pair[1] - pair[0]));
+    let gaps: Vec<(f64, f64)> = pairs.filter(|(_, s)| *s > MAX_UNSEEN_S).collect();
+    if let Some((at_s, longest_s)) = gaps.iter().copied().max_by(|a, b| a.1.total_cmp(&b.1)) {
+        work.record_loss(format!(
+            "in {} times no frame shows a foot, or the pose of the rig is unknown, for {:.1} s in \
+             total, the longest from {at_s:.3} s of the clock on for {longest_s:.1} s: contacts in \
+             them are missing, and events beside them are uncertain",
+            gaps.len(),
+            gaps.iter().map(|own| own.1).sum::<f64>()
+        ));
+    }
+}
+
 /// Keyframes that show the places of contacts.
 fn views(
     work: &Work<'_, Input>,
@@ -365,32 +380,6 @@ fn views(
         contacts.len()
     ));
     Ok(views)
-}
-
-/// Poses of a foot in the world by its tags, where the pose of the rig is known.
-/// Poses of a foot in all frames that show a tag of it.
-fn candidates(
-    foot: Foot,
-    rig: &RigModel,
-    trajectory: &Trajectory,
-    detections: &[TagDetection],
-) -> Vec<FootCandidates> {
-    let own = detections.iter().filter(|detection| detection.foot == foot);
-    let config = FootConfig::default();
-    own.filter_map(|detection| {
-        let mut tags = shoe(rig, foot)?.tags.iter();
-        let tag = tags.find(|tag| u64::from(tag.id) == detection.tag)?;
-        let world_from_rig = pose_at(trajectory, detection.time_ns)?;
-        let seen = TagPose {
-            rig_from_tag: detection.rig_from_tag,
-            covariance: detection.covariance,
-            visible_share: f64::from(detection.visible_share[0].max(detection.visible_share[1])),
-            second: (detection.second).map(|own| (own.rig_from_tag, f64::from(own.excess_cost))),
-        };
-        let (time_ns, place) = (detection.time_ns, &tag.foot_from_tag);
-        foot_candidates(time_ns, &world_from_rig, &seen, place, &config).ok()
-    })
-    .collect()
 }
 
 fn foot_pose(foot: Foot, rig: &Pose, pose: &track::FootPose) -> FootPose {

@@ -45,7 +45,7 @@ impl Stage<Input> for TagsStage {
     }
 
     fn version(&self) -> u32 {
-        3
+        4
     }
 
     fn inputs(&self) -> &'static [&'static str] {
@@ -152,6 +152,7 @@ impl Tracked<'_> {
             work.progress(done, all);
         }
         report(work.findings(), &eyes, seen, done);
+        report_repeated(work.findings(), tracker.repeated_images(), done);
         Ok(())
     }
 
@@ -288,6 +289,16 @@ pub fn report(work: &Findings, eyes: &EyeCounts, seen: u64, done: u64) {
         work.record_loss(format!(
             "none of {done} frames shows a tag of a shoe: check numbers, size and family of \
              [[shoe_tag]] in the rig file, and whether an eye is covered"
+        ));
+    }
+}
+
+/// Reports frames that repeat the image before them, of all.
+pub fn report_repeated(work: &Findings, repeated: u64, done: u64) {
+    if repeated > 0 {
+        work.record_loss(format!(
+            "{repeated} of {done} frames repeat the image before them, whole or in part, while the \
+             rig moves: the camera delivered images twice; feet are not known in them"
         ));
     }
 }

@@ -7,7 +7,7 @@ use imaging::ImageView;
 use reconstruction::pipeline::Findings;
 use reconstruction::pipeline::stages::feet::feet;
 use reconstruction::pipeline::stages::tags::{
-    EyeCounts, camera, detection, report, rig_state, shoes,
+    EyeCounts, camera, detection, report, report_repeated, rig_state, shoes,
 };
 use scene_bundle::outputs::feet::FootPose;
 use scene_bundle::outputs::tag_detections::TagDetection;
@@ -84,6 +84,8 @@ fn detections(inputs: &Inputs, findings: &Findings) -> Result<Vec<TagDetection>>
             all.push(row);
         }
     }
-    report(findings, &eyes, seen, inputs.frames.len() as u64);
+    let count = inputs.frames.len() as u64;
+    report(findings, &eyes, seen, count);
+    report_repeated(findings, tracker.repeated_images(), count);
     Ok(all)
 }

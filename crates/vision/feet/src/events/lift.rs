@@ -127,17 +127,42 @@ struct Expected {
     usual_toe_off_s: Option<f64>,
 }
 
-/// Heel off and toe off of a stance.
+/// Heel off and toe off of a stance after which no frame shows a foot for some time: in this order
+/// at any time until the foot swings to where it is at rest next.
+fn unseen_lift(foot: &FootStances<'_>, index: usize, [_, until_s]: [f64; 2]) -> Lift {
+    let last_s = seconds(foot.stances[index].times_ns[1]);
+    let next = foot.stances.get(index + 1);
+    let next_s = next.map_or(f64::INFINITY, |next| seconds(next.times_ns[0]));
+    let latest_s = (next_s - MIN_SWING_S).min(until_s + UNKNOWN_LIFT_S[0]);
+    let length_s = (latest_s - last_s).max(MIN_SWING_S);
+    // The smaller and the larger one of two times that are equally probable in an interval.
+    let event = |share: f64| Event {
+        time_s: last_s + share * length_s,
+        sigma_s: length_s / 18.0_f64.sqrt(),
+        is_seen: false,
+    };
+    Lift {
+        heel_off: event(1.0 / 3.0),
+        toe_off: event(2.0 / 3.0),
+        shares: None,
+        stride_s: 1.0,
+    }
+}
+
+/// Heel off and toe off of a stance, and when after it no frame shows a foot.
 pub(super) fn lift(
     foot: &FootStances<'_>,
     index: usize,
-    own: &[Strike],
-    other: &[Strike],
+    [own, other]: [&[Strike]; 2],
+    unseen: Option<[f64; 2]>,
     habit: &LiftHabit,
     config: &EventConfig,
 ) -> Lift {
     let stance = &foot.stances[index];
     let last_s = seconds(stance.times_ns[1]);
+    if let Some(unseen) = unseen {
+        return unseen_lift(foot, index, unseen);
+    }
     let expected = expected(foot, index, own, other, habit);
     let frames = leaving(foot, stance, expected.latest_s);
     // Frames before that only say that it is later, which is not typical of a wearer.

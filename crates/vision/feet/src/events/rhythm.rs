@@ -34,6 +34,8 @@ pub(super) struct Step {
     /// Where the foot stands in the world, m.
     pub(super) place: Vector3<f64>,
     pub(super) strike: [f64; 2],
+    /// Whether there is a time before it in which no frame shows a foot: steps may be missing.
+    pub(super) is_after_unseen: bool,
 }
 
 /// Means and standard deviations of the strikes of both feet by the other ones, s.
@@ -42,7 +44,8 @@ pub(super) fn rhythm(steps: &[Vec<Step>; 2]) -> [Vec<Option<[f64; 2]>>; 2] {
     all.sort_by(|a, b| a.stands_s.total_cmp(&b.stands_s));
     let mut found = steps.each_ref().map(|own| vec![None; own.len()]);
     let goes_on = |a: &Step, b: &Step| {
-        a.side != b.side && b.strike[0] - a.strike[0] < MAX_STEP_S + a.strike[1] + b.strike[1]
+        let goes_on = a.side != b.side && !b.is_after_unseen;
+        goes_on && b.strike[0] - a.strike[0] < MAX_STEP_S + a.strike[1] + b.strike[1]
     };
     for chain in all.chunk_by(goes_on) {
         for (k, own) in chain.iter().enumerate() {
@@ -129,6 +132,7 @@ mod tests {
                 stands_s: time_s + 0.3,
                 place: Vector3::new(0.7 * k as f64, 0.1, 0.0),
                 strike: [time_s + sigma_s * noise.next(), sigma_s],
+                is_after_unseen: false,
             });
             truth.push(time_s);
         }

@@ -32,6 +32,8 @@ const PITCH_RATE: f64 = 1.5;
 const MIN_LIFTED_S: f64 = 0.3;
 /// Longest time for which a foot at rest is hidden, s.
 const MAX_HIDDEN_S: f64 = 0.5;
+/// The same where no frame shows either foot, s.
+const MAX_UNSEEN_S: f64 = 4.0;
 /// Time after the first frame at rest in which frames still tell the strike, s.
 const AFTER_S: f64 = 0.1;
 /// Durations of the roll that are tried, in its standard deviations.
@@ -109,11 +111,11 @@ struct Approach {
 }
 
 /// Heel strike and foot flat of a stance. What is known of the strike otherwise is a mean and a
-/// standard deviation, s.
+/// standard deviation, s, and the time before it in which no frame shows a foot.
 pub(super) fn strike(
     foot: &FootStances<'_>,
     index: usize,
-    prior: Option<[f64; 2]>,
+    (prior, unseen): (Option<[f64; 2]>, Option<[f64; 2]>),
     habit: &StrikeHabit,
     config: &EventConfig,
 ) -> Strike {
@@ -130,6 +132,10 @@ pub(super) fn strike(
     let reach_s = match is_seen {
         true => config.max_approach_s,
         false => MAX_HIDDEN_S,
+    };
+    let reach_s = match unseen.filter(|_| !is_seen) {
+        Some([from_s, _]) => reach_s.max((first_s - from_s).min(MAX_UNSEEN_S)),
+        None => reach_s,
     };
     let earliest_s =
         (first_s - reach_s - roll_s).max((last_s + MIN_LIFTED_S).min(first_s - roll_s));

@@ -8,7 +8,7 @@ use std::collections::HashMap;
 use ::feet::PlacementConfig;
 use ::feet::events::Contact;
 use ::feet::tag_placement::{Estimate, PlacementError, RestPlace, RestSample};
-use cad_transforms::RigidTransform;
+use cad_transforms::{Covariance, RigidTransform};
 use estimator_config::config;
 use nalgebra::{Matrix3, Vector2, Vector3};
 use scene_bundle::outputs::rig::RigShoeTag;
@@ -19,6 +19,9 @@ config! {
     pub(super) struct GroundBelowConfig {
         /// Radius around the middle of a sole in which vertices count, m.
         pub radius_m: f64 = 0.35,
+        /// Half of the length along the sole in which vertices count where those do not say
+        /// anything, m: that of a tread.
+        pub half_length_m: f64 = 0.13,
         /// Maximum height of these above or below the sole, m: edges of kerbs, other storeys.
         pub max_height_m: f64 = 0.12,
         /// Least number of vertices, and of those on either side of the sole.
@@ -84,9 +87,27 @@ impl<'a> GroundBelow<'a> {
             let position = self.mesh.positions[*number as usize].map(f64::from);
             Vector3::from(position) - middle
         });
-        let mut near: Vec<Vector3<f64>> = away
-            .filter(|away| away.xy().norm() < config.radius_m && away.z.abs() < config.max_height_m)
-            .collect();
+        let near = away.filter(|away| {
+            away.xy().norm() < config.radius_m && away.z.abs() < config.max_height_m
+        });
+        let near: Vec<Vector3<f64>> = near.collect();
+        let below = |away: &&Vector3<f64>| {
+            let [x, _, _] = place.inverse().rotate((**away).into());
+            x.abs() < config.half_length_m
+        };
+        // Stairs have edges before and behind a sole.
+        let tread = || self.plane_of(place, near.iter().filter(below).copied().collect());
+        let (height, normal) = self.plane_of(place, near.clone()).or_else(tread)?;
+        Some((middle.z + height, normal))
+    }
+
+    /// Height of the plane through points relative to the middle of a sole, and its normal.
+    fn plane_of(
+        &self,
+        place: &RigidTransform,
+        mut near: Vec<Vector3<f64>>,
+    ) -> Option<(f64, Vector3<f64>)> {
+        let config = &self.config;
         let mut fit = plane_fit(&near)?;
         // Once more without what stands on it.
         near.retain(|away| residual(&fit, away).abs() < 3.0 * config.max_rms_m);
@@ -101,7 +122,7 @@ impl<'a> GroundBelow<'a> {
             && left.min(right) >= config.min_on_a_side
             && rms <= config.max_rms_m;
         let normal = Vector3::new(-fit.x, -fit.y, 1.0).normalize();
-        is_known.then_some((middle.z + fit.z, normal))
+        is_known.then_some((fit.z, normal))
     }
 
     /// Direction of a foot relative to its course, where that is straight.
@@ -149,6 +170,40 @@ pub(super) fn places(contacts: &[Contact]) -> Vec<RestPlace> {
     contacts.iter().map(place).collect()
 }
 
+/// Standard deviations of the height and the tilt of a tag that the rig file states, or usual ones.
+fn tolerance(tag: &RigShoeTag, config: &PlacementConfig) -> [f64; 2] {
+    let sigmas = tag
+        .foot_from_tag_covariance
+        .map(|covariance| covariance.sigmas());
+    [
+        sigmas.map_or(config.usual_height_sigma_m, |s| s[2]),
+        sigmas.map_or(config.usual_tilt_sigma_rad, |s| s[3].max(s[4])),
+    ]
+}
+
+/// What is uncertain of a foot's pose, in its own axes, by the placement of its tag: the tolerance,
+/// or what remains of it where the ground says something.
+pub(super) fn remaining(
+    tag: &RigShoeTag,
+    error: &PlacementError,
+    config: &PlacementConfig,
+) -> Covariance {
+    let [height, tilt] = tolerance(tag, config);
+    let after = |own: Option<Estimate>, prior: f64| match own {
+        Some(Estimate { sigma, .. }) => prior * sigma / prior.hypot(sigma).max(f64::MIN_POSITIVE),
+        None => prior,
+    };
+    let [roll, pitch] = error.tilt_rad.map(|own| after(own, tilt));
+    let height = after(error.height_m, height);
+    // The tag is where it is: the foot tilts about it.
+    let at_tag = RigidTransform::from_translation_m(tag.foot_from_tag.translation_m());
+    let sigmas = Covariance::from_sigmas([0.0, 0.0, height], [roll, pitch, 0.0]);
+    match (at_tag, sigmas) {
+        (Ok(foot_from_tag_axes), Ok(sigmas)) => sigmas.moved(&foot_from_tag_axes),
+        _ => Covariance::zero(),
+    }
+}
+
 /// A corrected placement of a tag, and whether the ground contradicts the tolerance of the rig
 /// file. The rig file's placement is the prior, with its tolerance.
 pub(super) fn corrected(
@@ -156,11 +211,7 @@ pub(super) fn corrected(
     error: &PlacementError,
     config: &PlacementConfig,
 ) -> (RigidTransform, bool) {
-    let sigmas = tag
-        .foot_from_tag_covariance
-        .map(|covariance| covariance.sigmas());
-    let height_sigma = sigmas.map_or(config.usual_height_sigma_m, |s| s[2]);
-    let tilt_sigma = sigmas.map_or(config.usual_tilt_sigma_rad, |s| s[3].max(s[4]));
+    let [height_sigma, tilt_sigma] = tolerance(tag, config);
     let mut contradicts = false;
     let mut posterior = |estimate: Option<Estimate>, prior: f64| {
         let Some(Estimate { value, sigma }) = estimate else {
