@@ -22,8 +22,8 @@
 //!
 //! Errors are in the frame of the rig, so that errors of the trajectory do not count by themselves.
 //! Poses of the rig are true ones, unless the fault is one of them. The ground is that of stereo
-//! depth on the same walk ([`ground`]), with none on stairs, whose treads are smaller than what the
-//! stage asks for. Losses are those of the stages; gaps that the recording reports do not count.
+//! depth on the same walk ([`ground`]). Losses are those of the stages; gaps that the recording
+//! reports do not count.
 //!
 //! Faults of light, shoes and gait are rendered; those of the device and of inputs are applied to
 //! images of the walk without a fault, which are kept in memory.

@@ -83,6 +83,13 @@ config! {
         pub min_sigmas: f64 = 4.0,
         /// See `min_sigmas`.
         pub min_error_s: f64 = 0.002,
+        /// Share of the frames of feet at rest below which errors are tried with which they might
+        /// rest more often.
+        pub usual_rest_share: f64 = 0.45,
+        /// These errors, s.
+        pub guesses_s: [f64; 4] = [-0.045, -0.025, 0.025, 0.045],
+        /// Number of frames at rest relative to that without an error from which on one counts.
+        pub better_rest_ratio: f64 = 1.3,
         /// Largest error, s: frames of another step.
         pub max_error_s: f64 = 0.06,
     }
@@ -107,6 +114,8 @@ config! {
         pub heel_m: f64 = 0.14,
         /// See `heel_m`.
         pub toe_m: f64 = 0.14,
+        /// Least and largest length of a sole, m: of adults, beyond which an outline is wrong.
+        pub sole_length_m: [f64; 2] = [0.2, 0.36],
         /// Standard deviation of the tilt of a moving sole, for the choice between the two poses of a tag
         /// that images hardly distinguish, rad.
         pub level_sigma_rad: f64 = 0.3,
@@ -149,6 +158,8 @@ config! {
     pub struct PlacementConfig {
         /// Least number of contacts that say something, on either side of a change.
         pub min_contacts: f64 = 8.0,
+        /// Least number of contacts by which a placement contradicts its tolerance.
+        pub min_gross_contacts: f64 = 4.0,
         /// Least standard deviation of the height of a sole at rest, m: of the ground below it and
         /// of a frame's pose.
         pub height_floor_m: f64 = 0.0015,

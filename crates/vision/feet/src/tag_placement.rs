@@ -121,10 +121,19 @@ impl PlacementConfig {
 /// assert!((height.value - 6e-3).abs() < 1e-3 && height.sigma < 3e-3);
 /// ```
 pub fn placement_error(samples: &[RestSample], config: &PlacementConfig) -> PlacementError {
+    error_of(samples, config.min_contacts, config)
+}
+
+/// The same of fewer contacts, which tell gross errors only.
+pub fn gross_placement_error(samples: &[RestSample], config: &PlacementConfig) -> PlacementError {
+    error_of(samples, config.min_gross_contacts, config)
+}
+
+fn error_of(samples: &[RestSample], least: f64, config: &PlacementConfig) -> PlacementError {
     let estimate = |quantity: Quantity| {
         let values = samples.iter().filter_map(|sample| quantity.of(sample));
         let values: Vec<f64> = values.collect();
-        (values.len() as f64 >= config.min_contacts).then(|| {
+        (values.len() as f64 >= least).then(|| {
             let own = robust_mean(&values, config.floor(quantity));
             Estimate {
                 // Errors that all contacts share are not in their scatter.

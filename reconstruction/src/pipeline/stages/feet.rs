@@ -13,9 +13,11 @@ use ::feet::causal::causal_poses;
 use ::feet::events::{Contact, Event};
 use ::feet::observation::causal_observations;
 use ::feet::shoe::Side;
+use ::feet::swing::SoleEdges;
 use ::feet::swing_habit::SwingHabit;
 use ::feet::tag_placement::{
-    Estimate, PlacementError, Quantity, Slip, are_exchanged, placement_error, slip,
+    Estimate, PlacementError, Quantity, Slip, are_exchanged, gross_placement_error,
+    placement_error, slip,
 };
 use ::feet::track::{self, FootContacts, foot_poses};
 use ::feet::{ClockConfig, FootConfig, GaitConfig, JumpConfig, PlacementConfig};
@@ -179,6 +181,9 @@ pub fn feet(
             report_restless(work, foot, known);
         }
         report_unseen(work, &known);
+        for (foot, sole) in Foot::ALL.into_iter().zip(&soles) {
+            report_sole(work, foot, sole);
+        }
     } else {
         work.note("no tag on a shoe was seen: there are no contacts and no poses of feet");
     }
@@ -221,12 +226,13 @@ fn correct_placement(
             continue;
         }
         let error = placement_error(&samples, &config);
+        let gross = gross_placement_error(&samples, &config);
         let shoes = rig.shoes.iter_mut().filter(|shoe| shoe.foot == foot);
         for tag in shoes.flat_map(|shoe| &mut shoe.tags) {
             uncertain[k] = remaining(tag, &error, &config);
             let (place, contradicts) = corrected(tag, &error, &config);
-            if contradicts {
-                work.record_loss(placement_message(foot, &error));
+            if contradicts || corrected(tag, &gross, &config).1 {
+                work.record_loss(placement_message(foot, &gross));
             }
             is_corrected |= place != tag.foot_from_tag;
             tag.foot_from_tag = place;
@@ -323,6 +329,19 @@ fn report_restless(work: &Findings, foot: Foot, known: &FootContacts<'_>) {
              poses of the rig, the calibration of the camera and size_m of [[shoe_tag]]",
             foot.as_str(),
             100.0 * share
+        ));
+    }
+}
+
+/// Reports an outline that is none of a shoe: times of strikes and lifts depend on its ends.
+fn report_sole(work: &Findings, foot: Foot, sole: &SoleEdges) {
+    let [least, largest] = FootConfig::default().sole_length_m;
+    let length = sole.heel_m + sole.toe_m;
+    if !(least..=largest).contains(&length) {
+        work.record_loss(format!(
+            "{}: its sole is {length:.2} m long, and shoes of adults are {least} to {largest} m: \
+             check outline_m of [[sole]] in the rig file; its events and swings depend on it",
+            foot.as_str()
         ));
     }
 }

@@ -245,7 +245,7 @@ impl EyeCounts {
         self.all >= MIN_DETECTIONS && 2 * self.one > self.all
     }
 
-    /// Median distances of the rays of both eyes, if they are too large: to the right and down, m.
+    /// Median distances of the rays of both eyes, to the right and down, m; `None` of too few.
     fn apart(&self) -> Option<[f64; 2]> {
         let mut apart = [0.0; 2];
         for (apart, all) in apart.iter_mut().zip(&self.between) {
@@ -256,10 +256,7 @@ impl EyeCounts {
             sorted.sort_by(f64::total_cmp);
             *apart = sorted[sorted.len() / 2];
         }
-        apart
-            .iter()
-            .any(|own| own.abs() > MAX_BETWEEN_M)
-            .then_some(apart)
+        Some(apart)
     }
 }
 
@@ -276,14 +273,19 @@ pub fn report(work: &Findings, eyes: &EyeCounts, seen: u64, done: u64) {
              whether an eye is covered",
             eyes.one, eyes.all
         ));
-    } else if let Some([right, down]) = eyes.apart() {
-        work.record_loss(format!(
-            "at the distance that their size says, the right eye places tags {:.1} mm to the right \
-             of and {:.1} mm below where the left one does, so that heights of feet are wrong: \
-             check size_m of [[shoe_tag]] and the calibration of the camera",
-            1e3 * right,
-            1e3 * down
-        ));
+    } else if let Some(apart) = eyes.apart() {
+        let [right, down] = apart.map(|own| 1e3 * own);
+        let places = format!(
+            "at the distance that their size says, the right eye places tags {right:.2} mm to the \
+             right of and {down:.2} mm below where the left one does"
+        );
+        match apart.iter().any(|own| own.abs() > MAX_BETWEEN_M) {
+            true => work.record_loss(format!(
+                "{places}, so that heights of feet are wrong: check size_m of [[shoe_tag]] and the \
+                 calibration of the camera"
+            )),
+            false => work.note(places),
+        }
     }
     if seen == 0 {
         work.record_loss(format!(

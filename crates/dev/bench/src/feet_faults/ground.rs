@@ -12,12 +12,12 @@ use crate::terrain::surface::surface;
 use crate::terrain::walks;
 
 /// The mesh of depth alone, of all cameras of the example rig on the same walk, with true poses;
-/// empty where the ground is not plane around the soles.
+/// empty of walks without depth.
 ///
 /// # Errors
 /// As of the benchmark `terrain`.
 pub(super) fn ground(walk: &Walk) -> Result<TerrainMesh> {
-    if !walk.has_plane_ground {
+    if !walk.has_depth {
         return Ok(terrain_mesh(Mesh::default()));
     }
     let prepared = walks::Walk {

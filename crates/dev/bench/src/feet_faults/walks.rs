@@ -41,8 +41,10 @@ pub(super) struct Walk {
     pub(super) begin_s: f64,
     /// Length of what is rendered without a fault, s.
     pub(super) long_s: f64,
-    /// Whether it has ground that is plane around the soles; without, the ground says nothing.
+    /// Whether it has level ground, on which tags slip and people jump.
     pub(super) has_plane_ground: bool,
+    /// Whether the stages know its ground; without, it says nothing.
+    pub(super) has_depth: bool,
 }
 
 /// On level ground, and up stairs. On level ground it is long: a tag that slips is found from eight
@@ -55,6 +57,7 @@ pub(super) const WALKS: [Walk; 2] = [
         begin_s: 0.0,
         long_s: 22.0,
         has_plane_ground: true,
+        has_depth: true,
     },
     Walk {
         name: "stairs",
@@ -63,6 +66,7 @@ pub(super) const WALKS: [Walk; 2] = [
         begin_s: 4.0,
         long_s: 10.0,
         has_plane_ground: false,
+        has_depth: true,
     },
 ];
 /// Parts of the pavement with another gait.
@@ -83,6 +87,7 @@ const fn other(of: usize, seed: u64) -> Walk {
         seed,
         long_s: SHORT_S,
         has_plane_ground: false,
+        has_depth: false,
         ..WALKS[of]
     }
 }

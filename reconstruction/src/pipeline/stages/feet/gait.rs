@@ -131,7 +131,9 @@ pub(super) fn on_one_clock(
     let config = ClockConfig::default();
     let mut moved = detections.to_vec();
     for (camera, name) in rig.cameras.iter().map(|own| &own.name).enumerate() {
-        let (mut late_s, mut known) = (0.0, None);
+        let mut late_s = first_guess(rig, trajectory, detections, camera);
+        let mut known = None;
+        move_times(&mut moved, detections, camera, late_s);
         for _ in 0..ROUNDS {
             let Some(error) = clock_error(&rest_frames(rig, trajectory, &moved, camera), &config)
             else {
@@ -157,6 +159,34 @@ pub(super) fn on_one_clock(
         ));
     }
     moved
+}
+
+/// The error of a clock with which a camera shows feet at rest most often, s; none if it does so
+/// without one.
+fn first_guess(
+    rig: &RigModel,
+    trajectory: &Trajectory,
+    detections: &[TagDetection],
+    camera: usize,
+) -> f64 {
+    let config = ClockConfig::default();
+    let mut moved = detections.to_vec();
+    let of_camera = |own: &&TagDetection| usize::from(own.camera) == camera;
+    let count = detections.iter().filter(of_camera).count();
+    let mut at_rest = |late_s: f64| {
+        move_times(&mut moved, detections, camera, late_s);
+        let frames = rest_frames(rig, trajectory, &moved, camera);
+        frames.iter().map(Vec::len).sum::<usize>()
+    };
+    let without = at_rest(0.0);
+    if without as f64 > config.usual_rest_share * count as f64 {
+        return 0.0;
+    }
+    let guesses = config.guesses_s.map(|late_s| (at_rest(late_s), late_s));
+    let most = guesses.into_iter().max_by_key(|(frames, _)| *frames);
+    let is_better = |frames: usize| frames as f64 > config.better_rest_ratio * without as f64;
+    most.filter(|(frames, _)| is_better(*frames))
+        .map_or(0.0, |(_, late_s)| late_s)
 }
 
 fn move_times(moved: &mut [TagDetection], detections: &[TagDetection], camera: usize, late_s: f64) {
