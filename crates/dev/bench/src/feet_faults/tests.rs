@@ -10,6 +10,7 @@ fn faults_of_a_short_walk_are_not_silent() {
         begin_s: 2.0,
         long_s: SECONDS,
         has_plane_ground: false,
+        has_depth: false,
         seed: 720,
         ..WALKS[0]
     };

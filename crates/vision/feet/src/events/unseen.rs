@@ -7,7 +7,7 @@
 use crate::contact::{FootStances, seconds};
 
 /// Time without either foot from which on events may be in it, s: legs hide both for less.
-const MIN_UNSEEN_S: f64 = 0.45;
+const MIN_UNSEEN_S: f64 = 0.6;
 /// Time from the last frame of a foot at rest to such a time, without a frame of it, after which it
 /// has left, s; likewise before its first frame at rest.
 const NEAR_S: f64 = 0.3;
