@@ -15,6 +15,8 @@ pub struct RestFrame {
     pub place: [f64; 3],
     /// Velocity of a point there that is fixed to the rig, in the world, m/s.
     pub velocity: [f64; 3],
+    /// Position of the rig in the world, m.
+    pub rig: [f64; 3],
     /// Standard deviation of the place, m.
     pub sigma_m: f64,
 }
@@ -32,6 +34,7 @@ pub struct RestFrame {
 ///     RestFrame {
 ///         place: [2.0 + 8e-3 * speed, 0.0, 0.0],
 ///         velocity: [speed, 0.0, 0.0],
+///         rig: [0.0; 3],
 ///         sigma_m: 1e-3,
 ///     }
 /// };
@@ -40,13 +43,33 @@ pub struct RestFrame {
 /// assert!((late.value - 8e-3).abs() < 1e-6);
 /// ```
 pub fn clock_error(stances: &[Vec<RestFrame>], config: &ClockConfig) -> Option<Estimate> {
-    let parts: Vec<[f64; 2]> = stances.iter().filter_map(|own| sums(own, config)).collect();
+    let sigmas = [config.max_sigma_s, config.shared_sigma_s];
+    ratio(stances, |own| own.velocity, sigmas, config)
+}
+
+/// By how much feet at rest move with the rig, as a ratio, which they do where poses of the rig are
+/// too far apart from each other.
+pub fn pose_drift(stances: &[Vec<RestFrame>], config: &ClockConfig) -> Option<Estimate> {
+    let sigmas = [config.min_drift, config.shared_drift_sigma];
+    ratio(stances, |own| own.rig, sigmas, config)
+}
+
+/// Ratio of changes of places to changes of something else. `sigmas` are the largest standard
+/// deviation by places alone, and that which all stances share.
+fn ratio(
+    stances: &[Vec<RestFrame>],
+    of: fn(&RestFrame) -> [f64; 3],
+    [max_sigma, shared_sigma]: [f64; 2],
+    config: &ClockConfig,
+) -> Option<Estimate> {
+    let parts = stances.iter().filter_map(|own| sums(own, of, config));
+    let parts: Vec<[f64; 2]> = parts.collect();
     let count = parts.len() as f64;
     if count < config.min_stances {
         return None;
     }
     let information: f64 = parts.iter().map(|own| own[1]).sum();
-    if information < config.max_sigma_s.powi(-2) {
+    if information < max_sigma.powi(-2) {
         return None;
     }
     let value = parts.iter().map(|own| own[0]).sum::<f64>() / information;
@@ -54,15 +77,17 @@ pub fn clock_error(stances: &[Vec<RestFrame>], config: &ClockConfig) -> Option<E
     let scatter = (squares.sum::<f64>() * count / (count - 1.0)).sqrt() / information;
     Some(Estimate {
         value,
-        sigma: scatter
-            .max(information.powf(-0.5))
-            .hypot(config.shared_sigma_s),
+        sigma: scatter.max(information.powf(-0.5)).hypot(shared_sigma),
     })
 }
 
-/// Of a stance: products of changes of place and velocity, and squares of changes of velocity, each
-/// over the variance of a place.
-fn sums(frames: &[RestFrame], config: &ClockConfig) -> Option<[f64; 2]> {
+/// Of a stance: products of changes of place and of something else, and squares of changes of that,
+/// each over the variance of a place.
+fn sums(
+    frames: &[RestFrame],
+    other: fn(&RestFrame) -> [f64; 3],
+    config: &ClockConfig,
+) -> Option<[f64; 2]> {
     if frames.len() < config.min_frames {
         return None;
     }
@@ -78,9 +103,9 @@ fn sums(frames: &[RestFrame], config: &ClockConfig) -> Option<[f64; 2]> {
     let mut sums = [0.0; 2];
     for k in 0..3 {
         let place = mean(|own| own.place, k);
-        let velocity = mean(|own| own.velocity, k);
+        let middle = mean(other, k);
         for own in frames {
-            let change = own.velocity[k] - velocity;
+            let change = other(own)[k] - middle;
             sums[0] += weight(own) * change * (own.place[k] - place);
             sums[1] += weight(own) * change * change;
         }
@@ -114,6 +139,7 @@ mod tests {
                 RestFrame {
                     place,
                     velocity,
+                    rig: [1.2 * 0.066 * f64::from(k), 0.0, 0.0],
                     sigma_m: 1e-3,
                 }
             };
@@ -134,6 +160,21 @@ mod tests {
             beyond += usize::from((found.value - late_s).abs() > 2.0 * found.sigma);
         }
         assert!(beyond <= 4, "{beyond} of 40");
+    }
+
+    #[test]
+    fn poses_that_drift_are_found() {
+        let config = ClockConfig::default();
+        for seed in 0..10 {
+            let mut walk = walk(seed, 0.0, 30);
+            let sound = pose_drift(&walk, &config).expect("thirty stances");
+            assert!(sound.value.abs() < config.min_drift, "{seed}: {sound:?}");
+            for own in walk.iter_mut().flatten() {
+                own.place[0] += 0.02 * own.rig[0];
+            }
+            let found = pose_drift(&walk, &config).expect("thirty stances");
+            assert!((found.value - 0.02).abs() < 0.005, "{seed}: {found:?}");
+        }
     }
 
     #[test]

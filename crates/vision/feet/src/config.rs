@@ -83,6 +83,10 @@ config! {
         pub min_sigmas: f64 = 4.0,
         /// See `min_sigmas`.
         pub min_error_s: f64 = 0.002,
+        /// Least ratio of the motion of feet at rest to that of the rig by which poses drift.
+        pub min_drift: f64 = 0.006,
+        /// Standard deviation of that ratio that all stances share: feet roll ahead.
+        pub shared_drift_sigma: f64 = 0.001,
         /// Share of the frames of feet at rest below which errors are tried with which they might
         /// rest more often.
         pub usual_rest_share: f64 = 0.45,
@@ -104,6 +108,11 @@ config! {
         pub min_shift_m: f64 = 0.025,
         /// Largest rotation, rad: feet that step turn or tilt.
         pub max_turn_rad: f64 = 0.1,
+        /// Least size of a jump of the poses themselves, m, and relative to the median of what
+        /// poses of a person who walks show.
+        pub min_step_m: f64 = 0.035,
+        /// See `min_step_m`.
+        pub usual_steps: f64 = 6.0,
         /// Frames before and after it that count.
         pub frames: usize = 4,
     }

@@ -29,6 +29,7 @@ pub mod tag_tracker;
 #[cfg(test)]
 mod test_noise;
 pub mod track;
+pub mod trajectory_step;
 
 pub use config::{
     ClockConfig, Config, EventConfig, FootConfig, GaitConfig, JumpConfig, PlacementConfig,

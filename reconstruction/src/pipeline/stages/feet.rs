@@ -35,7 +35,7 @@ use scene_bundle::{Pose, Status, Trajectory};
 use serde_json::{Value, json};
 
 use self::contact_views::{ContactViewConfig, Keyframes, contact_views};
-use self::gait::{Gait, candidates, on_one_clock, without_jumps};
+use self::gait::{Gait, candidates, on_one_clock, report_drift, without_jumps};
 use self::ground_below::{GroundBelow, GroundBelowConfig, corrected, places, remaining};
 use super::depth_frames::{DepthFrame, instants};
 use super::soles::{edges, outline, shoe};
@@ -130,6 +130,7 @@ pub fn feet(
     let soles = Foot::ALL.map(|foot| edges(&rig, foot));
     let detections = &on_one_clock(work, &rig, trajectory, detections)[..];
     let continuous = without_jumps(work, &rig, trajectory, detections);
+    report_drift(work, &rig, &continuous.trajectory, detections);
     let of_rig = |rig: &RigModel| Gait::new(rig, &continuous.trajectory, detections);
     let mut gait = of_rig(&rig);
     let in_world = gait

@@ -4,11 +4,12 @@
 //! rig's poses break contacts in two. Both are found by feet at rest, reported as losses, and taken
 //! out; poses are those in the world of the trajectory all the same.
 
-use ::feet::camera_clock::{RestFrame, clock_error};
+use ::feet::camera_clock::{RestFrame, clock_error, pose_drift};
 use ::feet::events::{Contact, FootStances, RigHeights, contacts};
 use ::feet::jump::jumps;
 use ::feet::observation::{FootCandidates, TagPose, foot_candidates, foot_observations};
 use ::feet::stance::{FootObservation, Stance, stances};
+use ::feet::trajectory_step::{RigPlace, steps};
 use ::feet::{ClockConfig, FootConfig, GaitConfig, JumpConfig};
 use cad_transforms::rig::Foot;
 use nalgebra::Vector3;
@@ -117,7 +118,52 @@ pub(super) fn without_jumps(
             1e3 * Vector3::from(jump.shift_m).norm()
         ));
     }
+    let places = trajectory.poses().iter().map(|pose| RigPlace {
+        time_s: 1e-9 * pose.time_ns as f64,
+        position: pose.world_from_rig.translation_m(),
+    });
+    let places: Vec<RigPlace> = places.collect();
+    let config = JumpConfig::default();
+    for [time_s, size_m] in steps(&places, &config) {
+        let is_near = |ns: i64| (1e-9 * ns as f64 - time_s).abs() <= config.max_interval_s;
+        if jumps
+            .iter()
+            .all(|jump| !jump.times_ns.into_iter().any(is_near))
+        {
+            work.record_loss(format!(
+                "at {time_s:.3} s of the clock the poses of the rig jump by about {:.0} mm where \
+                 no foot at rest shows it: contacts and poses of feet around it are uncertain",
+                1e3 * size_m
+            ));
+        }
+    }
     Continuous::new(trajectory, &jumps)
+}
+
+/// Reports poses of the rig that drift, by feet at rest that seem to move with the rig.
+pub(super) fn report_drift(
+    work: &Findings,
+    rig: &RigModel,
+    trajectory: &Trajectory,
+    detections: &[TagDetection],
+) {
+    let config = ClockConfig::default();
+    let cameras = 0..rig.cameras.len();
+    let frames = cameras.flat_map(|camera| rest_frames(rig, trajectory, detections, camera));
+    let Some(drift) = pose_drift(&frames.collect::<Vec<_>>(), &config) else {
+        return;
+    };
+    let percent = format!(
+        "feet at rest move by {:.1} ± {:.1} % of what the rig does",
+        1e2 * drift.value,
+        1e2 * drift.sigma
+    );
+    match drift.value.abs() > (config.min_sigmas * drift.sigma).max(config.min_drift) {
+        true => work.record_loss(format!(
+            "{percent}: its poses drift, or the calibration of the camera is wrong"
+        )),
+        false => work.note(percent),
+    }
 }
 
 /// Detections at the times of the trajectory's clock: those of a camera whose time stamps are late
@@ -236,6 +282,7 @@ fn rest_frame(trajectory: &Trajectory, seen: &TagDetection) -> Option<RestFrame>
     Some(RestFrame {
         place: place.translation_m(),
         velocity: (linear + angular.cross(&away)).into(),
+        rig: rig.world_from_rig.translation_m(),
         sigma_m: sigmas[..3].iter().fold(0.0, |a: f64, b| a.max(*b)),
     })
 }

@@ -96,7 +96,14 @@ impl<'a> GroundBelow<'a> {
             x.abs() < config.half_length_m
         };
         // Stairs have edges before and behind a sole.
-        let tread = || self.plane_of(place, near.iter().filter(below).copied().collect());
+        let tread = || {
+            let on_it: Vec<Vector3<f64>> = near.iter().filter(below).copied().collect();
+            let mut heights: Vec<f64> = on_it.iter().map(|away| away.z).collect();
+            heights.sort_by(f64::total_cmp);
+            let middle = *heights.get(heights.len() / 2)?;
+            let is_level = |away: &Vector3<f64>| (away.z - middle).abs() < 3.0 * config.max_rms_m;
+            self.plane_of(place, on_it.into_iter().filter(is_level).collect())
+        };
         let (height, normal) = self.plane_of(place, near.clone()).or_else(tread)?;
         Some((middle.z + height, normal))
     }

@@ -1,0 +1,93 @@
+//! Jumps in positions of the rig themselves, where no foot at rest shows them.
+//!
+//! Contract: a person accelerates smoothly; a jump between two positions is two opposite
+//! accelerations one after the other. Positions at regular times only say something.
+
+use nalgebra::Vector3;
+
+use crate::config::JumpConfig;
+
+/// A position of the rig at a time: s and m.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RigPlace {
+    /// The time, s.
+    pub time_s: f64,
+    /// The position in the world, m.
+    pub position: [f64; 3],
+}
+
+/// Times of the positions after jumps, s, and sizes of these, m.
+pub fn steps(places: &[RigPlace], config: &JumpConfig) -> Vec<[f64; 2]> {
+    let sizes: Vec<Option<f64>> = places.windows(4).map(size).collect();
+    let mut usual: Vec<f64> = sizes.iter().flatten().copied().collect();
+    usual.sort_by(f64::total_cmp);
+    let Some(median) = usual.get(usual.len() / 2) else {
+        return Vec::new();
+    };
+    let least = (config.usual_steps * median).max(config.min_step_m);
+    let mut found: Vec<[f64; 2]> = Vec::new();
+    for (own, size) in places.windows(4).zip(&sizes) {
+        let Some(size) = size.filter(|size| *size > least) else {
+            continue;
+        };
+        // The middle interval of the four; those beside it show the same jump.
+        let [time_s, last_s] = [own[2].time_s, own[0].time_s];
+        match found.last_mut() {
+            Some(last) if last[0] >= last_s => {
+                if size > last[1] {
+                    *last = [time_s, size];
+                }
+            }
+            _ => found.push([time_s, size]),
+        }
+    }
+    found
+}
+
+/// Size of a jump in the middle of four positions.
+fn size(places: &[RigPlace]) -> Option<f64> {
+    let of = |k: usize| Vector3::from(places[k].position);
+    let intervals = [0, 1, 2].map(|k: usize| places[k + 1].time_s - places[k].time_s);
+    let is_regular = |interval: &f64| (interval / intervals[1] - 1.0).abs() < 0.1;
+    let change = of(3) - of(2) * 3.0 + of(1) * 3.0 - of(0);
+    intervals
+        .iter()
+        .all(is_regular)
+        .then_some(0.5 * change.norm())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A walk of 20 s, 15 Hz, that sways and bobs, with a jump to the side at 10 s.
+    fn walk(jump_m: f64) -> Vec<RigPlace> {
+        let place = |n: i32| {
+            let t = f64::from(n) / 15.0;
+            let turn = std::f64::consts::TAU * t;
+            let jumped = if n >= 150 { jump_m } else { 0.0 };
+            RigPlace {
+                time_s: t,
+                position: [
+                    1.3 * t + 0.02 * libm::sin(2.0 * turn),
+                    0.03 * libm::sin(turn) + jumped,
+                    1.3 + 0.025 * libm::cos(2.0 * turn),
+                ],
+            }
+        };
+        (0..300).map(place).collect()
+    }
+
+    #[test]
+    fn jumps_are_found_and_steps_of_a_walk_are_none() {
+        let config = JumpConfig::default();
+        assert_eq!(steps(&walk(0.0), &config), Vec::<[f64; 2]>::new());
+        for jump_m in [0.06, 0.2, 0.5] {
+            let found = steps(&walk(jump_m), &config);
+            assert_eq!(found.len(), 1, "{found:?}");
+            assert!((found[0][0] - 10.0).abs() < 1e-6, "{found:?}");
+            assert!((found[0][1] - jump_m).abs() < 0.02, "{found:?}");
+        }
+        assert!(steps(&walk(0.2)[..3], &config).is_empty());
+    }
+}
