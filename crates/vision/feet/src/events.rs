@@ -137,7 +137,8 @@ fn steps(foot: &FootStances<'_>, strikes: &[Strike], side: usize) -> Vec<Step> {
     both.map(step).collect()
 }
 
-/// Mean and standard deviation of a strike by the lift of the other foot that frames show: both feet bear for some time before.
+/// Mean and standard deviation of a strike by the lift of the other foot that frames show: both
+/// feet bear for some time before.
 fn before_lift(foot: &FootStances<'_>, index: usize, other: &[Lift]) -> Option<[f64; 2]> {
     let stance = &foot.stances[index];
     let [first_s, last_s] = stance.times_ns.map(seconds);
