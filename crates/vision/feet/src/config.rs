@@ -125,8 +125,8 @@ config! {
         pub toe_m: f64 = 0.14,
         /// Least and largest length of a sole, m: of adults, beyond which an outline is wrong.
         pub sole_length_m: [f64; 2] = [0.2, 0.36],
-        /// Standard deviation of the tilt of a moving sole, for the choice between the two poses of a tag
-        /// that images hardly distinguish, rad.
+        /// Standard deviation of the tilt of a moving sole, for the choice between the two poses of
+        /// a tag that images hardly distinguish, rad.
         pub level_sigma_rad: f64 = 0.3,
         /// The same of a sole whose tag does not move: feet rest on ground that they can stand on.
         pub rest_level_sigma_rad: f64 = 0.15,

@@ -154,7 +154,8 @@ fn steps(foot: &FootStances<'_>, unseen: &Unseen, strikes: &[Strike], side: usiz
     both.map(step).collect()
 }
 
-/// Mean and standard deviation of a strike by the lift of the other foot that frames show: both feet bear for some time before.
+/// Mean and standard deviation of a strike by the lift of the other foot that frames show: both
+/// feet bear for some time before.
 fn before_lift(foot: &FootStances<'_>, index: usize, other: &[Lift]) -> Option<[f64; 2]> {
     let stance = &foot.stances[index];
     let [first_s, last_s] = stance.times_ns.map(seconds);

@@ -7,7 +7,7 @@
 use cad_transforms::{Covariance, CovarianceError, RigidTransform};
 use nalgebra::Vector3;
 
-use self::tilt_prior::{TiltPrior, seconds_between, speed_before, tag_speed, tilt_prior};
+use self::tilt_prior::{TagPlace, TiltPrior, seconds_between, speed_before, tag_speed, tilt_prior};
 use crate::config::FootConfig;
 use crate::poses::motion;
 use crate::stance::FootObservation;
@@ -103,7 +103,8 @@ pub fn foot_observations(
     config: &FootConfig,
 ) -> Vec<FootObservation> {
     let frames = surest(candidates);
-    let costs = costs(&frames, |k| tilt_prior(&frames, k, config), config);
+    let places = places(&frames);
+    let costs = costs(&frames, |k| tilt_prior(&places, k, config), config);
     let mut next = costs.last().and_then(|last| cheapest(last));
     let mut found = Vec::with_capacity(frames.len());
     for (frame, ends) in frames.iter().zip(&costs).rev() {
@@ -146,7 +147,8 @@ pub fn causal_observations(
     config: &FootConfig,
 ) -> Vec<FootObservation> {
     let frames = surest(candidates);
-    let prior = |k: usize| TiltPrior::of_speed(speed_before(&frames, k, config), config);
+    let places = places(&frames);
+    let prior = |k: usize| TiltPrior::of_speed(speed_before(&places, k, config), config);
     let costs = costs(&frames, prior, config);
     let parts = frames.iter().zip(&costs);
     parts
@@ -161,7 +163,18 @@ fn cheapest(ends: &[(f64, usize)]) -> Option<usize> {
     least.map(|(chosen, _)| chosen)
 }
 
+fn places(frames: &[FootCandidates]) -> Vec<TagPlace> {
+    frames.iter().map(FootCandidates::place).collect()
+}
+
 impl FootCandidates {
+    fn place(&self) -> TagPlace {
+        TagPlace {
+            time_ns: self.time_ns,
+            place: self.tag_place,
+        }
+    }
+
     fn observation(&self, chosen: usize) -> FootObservation {
         FootObservation {
             time_ns: self.time_ns,
@@ -187,8 +200,9 @@ fn costs(
             };
             let here = frame.observation(m);
             let through = costs[k - 1].iter().enumerate().map(|(n, (cost, _))| {
-                let (from, seconds) = (before.observation(n), seconds_between(before, frame));
-                let rate = turn_rate(tag_speed(before, frame), config);
+                let (from, places) = (before.observation(n), [before.place(), frame.place()]);
+                let seconds = seconds_between(&places[0], &places[1]);
+                let rate = turn_rate(tag_speed(&places[0], &places[1]), config);
                 let change = change_cost(&from, &here, rate * seconds, config);
                 (own + cost + change, n)
             });

@@ -10,7 +10,7 @@ use std::ops::Range;
 use cad_transforms::{Covariance, RigidTransform};
 use nalgebra::{Matrix6, Vector4, Vector6};
 
-use self::sure_point::SurePoint;
+use self::sure_point::{MAX_SIGMA_M, SurePoint, is_small};
 use crate::config::StanceConfig;
 use crate::poses::motion;
 
@@ -19,8 +19,6 @@ mod sure_point;
 /// Standard deviations, in six dimensions, by which motions of a foot at rest seem to differ from
 /// none: fewer in 99.5 % of the cases.
 const SIGMAS: f64 = 4.3;
-/// Uncertainty of a position, given its rotation, up to which a pose tells whether a foot rests, m.
-const MAX_SIGMA_M: f64 = 0.01;
 
 /// A foot in the world at the time of a frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -138,7 +136,12 @@ fn is_at_rest(a: &FootObservation, b: &FootObservation, config: &StanceConfig) -
     let covariance = a.covariance.matrix() + b.covariance.matrix();
     let tolerance = [config.max_speed * seconds, config.max_rate * seconds];
     let whole = || is_within(&motion, &covariance, tolerance);
-    let place = || SurePoint::of(a).rests(a, b, config.max_place_speed * seconds);
+    let place = || {
+        let point = SurePoint::of(&a.covariance);
+        let displacement = point.displacement(&a.world_from_foot, &b.world_from_foot);
+        let covariance = point.covariance(&a.covariance) + point.covariance(&b.covariance);
+        is_small(&displacement, &covariance, config.max_place_speed * seconds)
+    };
     seconds <= config.max_gap_s && (whole() || place())
 }
 
@@ -190,7 +193,7 @@ fn without_drift(
 /// foot at rest do. A foot that tilts moves its tag.
 fn largest_step(run: &[FootObservation], config: &StanceConfig) -> Option<usize> {
     let first = run.first()?;
-    let point = SurePoint::of(first);
+    let point = SurePoint::of(&first.covariance);
     let zero = (Vector4::zeros(), [0.0; 2], 0.0);
     let contradicts = |k: usize| {
         let inside = k > 0 && k + 1 < run.len();
@@ -200,11 +203,13 @@ fn largest_step(run: &[FootObservation], config: &StanceConfig) -> Option<usize>
     };
     let sums = (run.iter().enumerate()).scan(zero, |(sum, squares, count), (k, own)| {
         if !contradicts(k) {
-            let [x, y, z] = point.displacement(first, own).into();
+            let [x, y, z] = point
+                .displacement(&first.world_from_foot, &own.world_from_foot)
+                .into();
             let heading = motion(&first.world_from_foot, &own.world_from_foot)[5];
             *sum += Vector4::new(x, y, z, heading);
             let variances = [
-                point.covariance(own).diagonal().max(),
+                point.covariance(&own.covariance).diagonal().max(),
                 own.covariance.matrix()[(5, 5)],
             ];
             *squares = [0, 1].map(|k| squares[k] + variances[k]);
@@ -241,14 +246,17 @@ fn stance(
     config: &StanceConfig,
 ) -> Option<Stance> {
     let mut pose = mean(&observations[run.clone()], config);
-    let point = SurePoint::of(&observations[run.start]);
+    let point = SurePoint::of(&observations[run.start].covariance);
     loop {
         let belongs = |k: usize| {
             let own = &observations[k];
             let motion = motion(&pose.0, &own.world_from_foot);
             let tolerance = [config.max_deviation_m, config.max_deviation_rad];
-            is_within(&motion, own.covariance.matrix(), tolerance)
-                || point.rests_at(&pose.0, own, 0.5 * config.max_deviation_m)
+            is_within(&motion, own.covariance.matrix(), tolerance) || {
+                let displacement = point.displacement(&pose.0, &own.world_from_foot);
+                let covariance = point.covariance(&own.covariance);
+                is_small(&displacement, &covariance, 0.5 * config.max_deviation_m)
+            }
         };
         let first = run.clone().find(|k| belongs(*k))?;
         let last = run.clone().rfind(|k| belongs(*k))?;

@@ -24,8 +24,8 @@ const ROUNDS: usize = 4;
 /// Largest standard deviation with which others say something, s.
 const MAX_SIGMA_S: f64 = 0.12;
 
-/// A step of a foot: which one, about when it stands, and the time of its strike as known by itself,
-/// with its standard deviation, s.
+/// A step of a foot: which one, about when it stands, and the time of its strike as known by
+/// itself, with its standard deviation, s.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Step {
     pub(super) side: usize,
@@ -116,7 +116,7 @@ mod tests {
     use super::*;
     use crate::test_noise::Noise;
 
-    /// Steps of a stride of 1.1 s, of which those in `known` are well known; the right foot is late.
+    /// Steps of 0.55 s, of which those in `known` are well known; the right foot is late.
     fn walk(known: impl Fn(usize) -> bool, late_s: f64, seed: u64) -> (Vec<f64>, [Vec<Step>; 2]) {
         let mut noise = Noise::new(seed);
         let mut steps = [Vec::new(), Vec::new()];

@@ -35,7 +35,8 @@ fn foot(strike_s: f64, rate_hz: f64, noise_m: f64, seed: u64) -> Vec<FootObserva
             }
         };
         let step = if since > 0.42 { stride + 1.0 } else { stride };
-        let heel = [1.4 * step - before, 0.1, 0.3 * before];
+        let at_strike = 1.4 * (step + strike_s / STRIDE_S);
+        let heel = [at_strike - before, 0.1, 0.3 * before];
         let turn = RigidTransform::from_rotation_vector([0.0, pitch, 0.0], [0.0; 3]).unwrap();
         let middle = turn.apply([HEEL_M, 0.0, 0.0]);
         let at = std::array::from_fn(|k| heel[k] + middle[k] + noise_m * noise.next());

@@ -83,7 +83,7 @@ fn a_foot_that_lands_has_its_toe_up_and_one_at_rest_is_level() {
 
 #[test]
 fn a_foot_that_rests_on_a_ramp_is_not_level() {
-    // The other pose turns while the rig passes, by twice the change of the line of sight.
+    // The other pose turns while the rig passes, by twice the change of its direction.
     let frames = (0..10).map(|n| {
         let mut own = frame(n, 0.2, false);
         let other = 0.1 - 0.05 * n as f64;

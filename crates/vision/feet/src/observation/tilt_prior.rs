@@ -1,7 +1,16 @@
 //! How a sole is usually tilted, by the motion of its tag.
 
-use super::FootCandidates;
+use nalgebra::Vector3;
+
 use crate::config::FootConfig;
+
+/// Where the middle of a tag is in a frame.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct TagPlace {
+    pub(super) time_ns: i64,
+    /// In the world, m.
+    pub(super) place: Vector3<f64>,
+}
 
 /// The tilt of a sole before images are looked at: its pitch, toe up, and the standard deviation of
 /// its tilt about that, rad.
@@ -23,7 +32,7 @@ impl TiltPrior {
 
 /// Of a foot in a frame. One that comes to rest soon and did not rest before approaches its strike,
 /// toe up.
-pub(super) fn tilt_prior(frames: &[FootCandidates], k: usize, config: &FootConfig) -> TiltPrior {
+pub(super) fn tilt_prior(frames: &[TagPlace], k: usize, config: &FootConfig) -> TiltPrior {
     let is_near =
         |a: usize, b: usize| seconds_between(&frames[a], &frames[b]) < config.max_approach_s;
     let rests = |k: usize| tag_speed(&frames[k], &frames[k + 1]) < config.rest_speed;
@@ -43,17 +52,17 @@ pub(super) fn tilt_prior(frames: &[FootCandidates], k: usize, config: &FootConfi
 }
 
 /// Speed of a tag from a frame to the next one, m/s.
-pub(super) fn tag_speed(a: &FootCandidates, b: &FootCandidates) -> f64 {
-    (b.tag_place - a.tag_place).norm() / seconds_between(a, b).max(1e-3)
+pub(super) fn tag_speed(a: &TagPlace, b: &TagPlace) -> f64 {
+    (b.place - a.place).norm() / seconds_between(a, b).max(1e-3)
 }
 
 /// Speed of a tag from the frame before, m/s; infinite where none is near.
-pub(super) fn speed_before(frames: &[FootCandidates], k: usize, config: &FootConfig) -> f64 {
+pub(super) fn speed_before(frames: &[TagPlace], k: usize, config: &FootConfig) -> f64 {
     let before = k.checked_sub(1).map(|before| &frames[before]);
     let near = before.filter(|own| seconds_between(own, &frames[k]) < config.max_approach_s);
     near.map_or(f64::INFINITY, |own| tag_speed(own, &frames[k]))
 }
 
-pub(super) fn seconds_between(a: &FootCandidates, b: &FootCandidates) -> f64 {
+pub(super) fn seconds_between(a: &TagPlace, b: &TagPlace) -> f64 {
     1e-9 * (b.time_ns - a.time_ns) as f64
 }

@@ -1,9 +1,10 @@
 //! The point of a foot whose place a frame tells best.
 
-use cad_transforms::RigidTransform;
+use cad_transforms::{Covariance, RigidTransform};
 use nalgebra::{Matrix3, Vector3};
 
-use super::{FootObservation, MAX_SIGMA_M};
+/// Uncertainty of a position, given its rotation, up to which a pose tells whether a foot rests, m.
+pub(super) const MAX_SIGMA_M: f64 = 0.01;
 
 /// Standard deviations, in three dimensions, by which displacements of a point at rest seem to
 /// differ from none: fewer in 99.5 % of the cases.
@@ -14,8 +15,8 @@ const PLACE_SIGMAS: f64 = 3.6;
 pub(super) struct SurePoint(Vector3<f64>);
 
 impl SurePoint {
-    pub(super) fn of(own: &FootObservation) -> Self {
-        let matrix = own.covariance.matrix();
+    pub(super) fn of(covariance: &Covariance) -> Self {
+        let matrix = covariance.matrix();
         let rotation = matrix.fixed_view::<3, 3>(3, 3).into_owned();
         // By how much a rotation usually displaces the origin.
         let lever = rotation
@@ -26,49 +27,30 @@ impl SurePoint {
         Self(0.5 * skew_part(&lever))
     }
 
-    /// Displacement of the point from one pose to another one, in the axes of the first, m.
-    pub(super) fn displacement(&self, a: &FootObservation, b: &FootObservation) -> Vector3<f64> {
-        self.displaced(&a.world_from_foot, b)
-    }
-
-    fn displaced(&self, world_from_foot: &RigidTransform, b: &FootObservation) -> Vector3<f64> {
+    /// Displacement of the point from one pose of the foot to another one, in the axes of the
+    /// first, m.
+    pub(super) fn displacement(&self, a: &RigidTransform, b: &RigidTransform) -> Vector3<f64> {
         let point: [f64; 3] = self.0.into();
-        let at = b.world_from_foot.apply(point);
-        Vector3::from(world_from_foot.inverse().apply(at)) - self.0
+        Vector3::from(a.inverse().apply(b.apply(point))) - self.0
     }
 
     /// Covariance of its place in the axes of the foot, m².
-    pub(super) fn covariance(&self, own: &FootObservation) -> Matrix3<f64> {
-        let matrix = own.covariance.matrix();
+    pub(super) fn covariance(&self, of_foot: &Covariance) -> Matrix3<f64> {
+        let matrix = of_foot.matrix();
         let turned = -self.0.cross_matrix();
         let [position, both, rotation] =
             [(0, 0), (0, 3), (3, 3)].map(|(i, j)| matrix.fixed_view::<3, 3>(i, j).into_owned());
         let cross = both * turned.transpose();
         position + cross + cross.transpose() + turned * rotation * turned.transpose()
     }
-
-    /// Whether it moves by no more than a tolerance, m, besides errors.
-    pub(super) fn rests(&self, a: &FootObservation, b: &FootObservation, tolerance_m: f64) -> bool {
-        let covariance = self.covariance(a) + self.covariance(b);
-        is_small(&self.displacement(a, b), &covariance, tolerance_m)
-    }
-
-    pub(super) fn rests_at(
-        &self,
-        pose: &RigidTransform,
-        own: &FootObservation,
-        tolerance_m: f64,
-    ) -> bool {
-        is_small(
-            &self.displaced(pose, own),
-            &self.covariance(own),
-            tolerance_m,
-        )
-    }
 }
 
 /// Whether a displacement is none, within a tolerance, m, and errors that are themselves small.
-fn is_small(displacement: &Vector3<f64>, covariance: &Matrix3<f64>, tolerance_m: f64) -> bool {
+pub(super) fn is_small(
+    displacement: &Vector3<f64>,
+    covariance: &Matrix3<f64>,
+    tolerance_m: f64,
+) -> bool {
     let tolerance = Matrix3::identity() * (tolerance_m / PLACE_SIGMAS).powi(2);
     let square = (covariance + tolerance)
         .try_inverse()
