@@ -1,0 +1,115 @@
+//! Placement of the tags on the shoes, corrected by the ground below the feet at rest.
+
+use ::feet::PlacementConfig;
+use ::feet::events::Contact;
+use ::feet::tag_placement::{
+    Estimate, PlacementError, Quantity, Slip, are_exchanged, gross_placement_error,
+    placement_error, slip,
+};
+use cad_transforms::Covariance;
+use cad_transforms::rig::Foot;
+use scene_bundle::outputs::rig::RigModel;
+use scene_bundle::outputs::terrain::TerrainMesh;
+
+use super::super::soles::shoe;
+use super::ground_below::{GroundBelow, corrected, places, remaining};
+use crate::pipeline::Findings;
+
+/// Corrects the placement of the tags by the ground below the feet at rest: whether it did, and
+/// what is uncertain of the pose of each foot by what remains of their tolerance.
+/// Reports tags that slipped, that are exchanged, and those that the ground contradicts.
+pub(super) fn correct_placement(
+    work: &Findings,
+    rig: &mut RigModel,
+    ground: &TerrainMesh,
+    contacts: &[Vec<Contact>; 2],
+) -> (bool, [Covariance; 2]) {
+    let config = PlacementConfig::default();
+    let mut uncertain = [Covariance::zero(); 2];
+    let [left, right] = contacts.each_ref().map(|own| places(own));
+    if are_exchanged([&left, &right], &config) {
+        work.record_loss(
+            "the tags of the left and the right shoe are exchanged: their feet step to the wrong \
+             sides; exchange `foot` of [[shoe_tag]] in the rig file",
+        );
+    }
+    let ground = GroundBelow::new(ground);
+    let mut is_corrected = false;
+    for (k, foot) in Foot::ALL.into_iter().enumerate() {
+        let samples = ground.samples(&contacts[k]);
+        let none = PlacementError::default();
+        if let Some(tag) = shoe(rig, foot).and_then(|shoe| shoe.tags.first()) {
+            uncertain[k] = remaining(tag, &none, &config);
+        }
+        if let Some(slip) = slip(&samples, &config) {
+            work.record_loss(slip_message(foot, &slip));
+            // Before and after it the placement differs.
+            continue;
+        }
+        let error = placement_error(&samples, &config);
+        let gross = gross_placement_error(&samples, &config);
+        let shoes = rig.shoes.iter_mut().filter(|shoe| shoe.foot == foot);
+        for tag in shoes.flat_map(|shoe| &mut shoe.tags) {
+            uncertain[k] = remaining(tag, &error, &config);
+            let (place, contradicts) = corrected(tag, &error, &config);
+            if contradicts || corrected(tag, &gross, &config).1 {
+                work.record_loss(placement_message(foot, &gross));
+            }
+            is_corrected |= place != tag.foot_from_tag;
+            tag.foot_from_tag = place;
+        }
+        if let Some(height) = error.height_m {
+            let tilt = error
+                .tilt_rad
+                .map(|own| own.map_or(0.0, |own| own.value.to_degrees()));
+            work.note(format!(
+                "{}: by the ground below its contacts the sole was {:.1} ± {:.1} mm too high and \
+                 tilted by {:.1} and {:.1} degrees; its tag's placement is corrected by that as far \
+                 as its tolerance allows",
+                foot.as_str(),
+                1e3 * height.value,
+                1e3 * height.sigma,
+                tilt[0],
+                tilt[1]
+            ));
+        }
+    }
+    (is_corrected, uncertain)
+}
+
+fn slip_message(foot: Foot, slip: &Slip) -> String {
+    let Estimate { value, sigma } = slip.change;
+    let change = match slip.quantity {
+        Quantity::Height => format!("rises by {:.1} ± {:.1} mm", 1e3 * value, 1e3 * sigma),
+        quantity => {
+            let axis = match quantity {
+                Quantity::Roll => "about its length",
+                Quantity::Pitch => "about its width",
+                _ => "about the vertical",
+            };
+            let [value, sigma] = [value, sigma].map(f64::to_degrees);
+            format!("rotates by {value:.1} ± {sigma:.1} degrees {axis}")
+        }
+    };
+    format!(
+        "{}: at {:.3} s of the clock the sole {change}: its tag has slipped, or the ground is of \
+         another kind from there on",
+        foot.as_str(),
+        slip.time_s
+    )
+}
+
+fn placement_message(foot: Foot, error: &PlacementError) -> String {
+    let height = error.height_m.map_or(0.0, |own| 1e3 * own.value);
+    let tilt = error
+        .tilt_rad
+        .map(|own| own.map_or(0.0, |own| own.value.to_degrees()));
+    format!(
+        "{}: by the ground below its contacts the sole is {height:.1} mm too high and tilted by \
+         {:.1} and {:.1} degrees, which is more than the tolerance of its tag: check size_m, \
+         translation_m and rotation_wxyz of [[shoe_tag]] in the rig file; not corrected",
+        foot.as_str(),
+        tilt[0],
+        tilt[1]
+    )
+}
