@@ -6,9 +6,9 @@
 //! around it, see `events/rhythm.rs`, and from the lift of the other foot. Toe offs
 //! come from the toe where frames show it leave, and from the strike of the other foot, see
 //! `events/lift.rs`. What is typical of the wearer's steps is learned from those that are seen
-//! well, and then used for the others. Where no frame shows either foot, see `events/unseen.rs`,
-//! neither does the gait say anything: an event may have been at any time in it. So is how the trunk moves around a strike, see
-//! `events/trunk.rs`.
+//! well, and then used for the others. So is how the trunk moves around a strike, see
+//! `events/trunk.rs`. Where no frame shows either foot, see `events/unseen.rs`, neither does the
+//! gait say anything: an event may have been at any time in it.
 
 use crate::config::EventConfig;
 use crate::contact::seconds;

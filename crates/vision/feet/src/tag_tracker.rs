@@ -4,8 +4,9 @@
 //! foot is fitted where the foot is predicted, in both eyes, with its motion; where it is not, it
 //! is searched near there, and after a while in the whole image: as a quadrilateral, and, where the
 //! motion of the rig blurs a tag at rest, by the pattern of such a tag. What a frame does not show
-//! gives no detection, nor does one that repeats the image before it while the rig moves. Detections depend on earlier frames through the prediction only: their poses
-//! are those of the images.
+//! gives no detection, nor does one that repeats the image before it while the rig moves.
+//! Detections depend on earlier frames through the prediction only: their poses are those of the
+//! images.
 
 use cad_transforms::RigidTransform;
 use camera_models::Lens;

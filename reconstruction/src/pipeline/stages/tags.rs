@@ -222,8 +222,8 @@ pub struct EyeCounts {
 }
 
 /// Distance of the rays of both eyes from which on one of what they depend on is wrong, m: 1.3 % of
-/// the size of tags with a baseline of 63 mm, or 0.04 degrees of a right eye 1.1 m above them. It is
-/// below 0.1 mm on walks by day without an error.
+/// the size of tags with a baseline of 63 mm, or 0.04 degrees of a right eye 1.1 m above them. By
+/// day it is below 0.1 mm on walks without an error.
 const MAX_BETWEEN_M: f64 = 0.0008;
 
 impl EyeCounts {

@@ -1,4 +1,4 @@
-//! A trajectory without its jumps, and the way back to it.
+//! A trajectory without its jumps, and transforms from places by it to those with them.
 
 use ::feet::events::Contact;
 use ::feet::jump::Jump;

@@ -144,3 +144,53 @@ fn a_corrected_tag_puts_the_sole_on_the_ground() {
     let unchanged = (found.inverse() * place).distance_m();
     assert!(unchanged < 1e-12, "{unchanged}");
 }
+
+/// A tread of 29 cm between two others: the ground around the sole is no plane, that below it is.
+#[test]
+fn treads_say_how_high_a_sole_is() {
+    let places = (0..60).flat_map(|i| (-30..=30).map(move |j| [i, j]));
+    let positions = places.map(|[i, j]| {
+        let [x, y] = [0.015 * i as f32, 0.015 * j as f32];
+        [x, y, 0.17 * (x / 0.29).floor()]
+    });
+    let mesh = TerrainMesh {
+        positions: positions.collect(),
+        ..ground(0.0)
+    };
+    let mut contact = contacts().remove(0);
+    let shift = [0.29 + 0.145, 0.0, 0.17 + 0.02];
+    let place = RigidTransform::from_rotation_vector([0.0; 3], shift);
+    contact.stance.world_from_foot = place.expect("finite");
+    let samples = GroundBelow::new(&mesh).samples(&[contact]);
+    let height = samples[0].height_m.expect("a plane");
+    assert!((height - 0.02).abs() < 0.002, "{height}");
+}
+
+#[test]
+fn the_tolerance_of_a_tag_remains_where_the_ground_says_nothing() {
+    let tag = RigShoeTag {
+        family: TagFamily::Tag36h11,
+        id: 0,
+        size_m: 0.08,
+        size_sigma_m: None,
+        foot_from_tag: RigidTransform::from_translation_m([0.05, 0.0, 0.08]).expect("finite"),
+        foot_from_tag_covariance: None,
+    };
+    let config = PlacementConfig::default();
+    let sigmas = remaining(&tag, &PlacementError::default(), &config).sigmas();
+    // By its height, and by the tilt about the tag.
+    let height = config
+        .usual_height_sigma_m
+        .hypot(0.05 * config.usual_tilt_sigma_rad);
+    assert!((sigmas[2] - height).abs() < 1e-9, "{sigmas:?}");
+    assert!((sigmas[0] - 0.08 * config.usual_tilt_sigma_rad).abs() < 1e-9);
+    let known = PlacementError {
+        height_m: Some(Estimate {
+            value: 0.0,
+            sigma: 1e-3,
+        }),
+        ..PlacementError::default()
+    };
+    let known = remaining(&tag, &known, &config).sigmas();
+    assert!(known[2] < sigmas[2], "{known:?}");
+}
