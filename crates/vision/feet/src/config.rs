@@ -85,6 +85,8 @@ config! {
         pub min_error_s: f64 = 0.002,
         /// Least ratio of the motion of feet at rest to that of the rig by which poses drift.
         pub min_drift: f64 = 0.006,
+        /// Standard deviations from which on it is one.
+        pub min_drift_sigmas: f64 = 3.0,
         /// Standard deviation of that ratio that all stances share: feet roll ahead.
         pub shared_drift_sigma: f64 = 0.001,
         /// Share of the frames of feet at rest below which errors are tried with which they might
@@ -115,6 +117,23 @@ config! {
         pub usual_steps: f64 = 6.0,
         /// Frames before and after it that count.
         pub frames: usize = 4,
+    }
+
+    /// Feet that slide before they rest.
+    pub struct SlideConfig {
+        /// Time before the first frame at rest in which a foot slides, s.
+        pub max_time_s: f64 = 0.35,
+        /// Tilt against its pose at rest up to which a foot is flat, rad: it strikes with its toe
+        /// up by more.
+        pub max_tilt_rad: f64 = 0.1,
+        /// Height above that up to which it is on the ground, m.
+        pub max_height_m: f64 = 0.012,
+        /// Displacements along the ground that are those of a slide, m.
+        pub shift_m: [f64; 2] = [0.02, 0.2],
+        /// Least number of frames that show one.
+        pub min_frames: usize = 2,
+        /// Least number of contacts with one.
+        pub min_contacts: usize = 2,
     }
 
     /// Feet from their tags.
@@ -222,6 +241,13 @@ config! {
         /// Standard deviations of hidden parts relative to those that follow from the above: errors
         /// on the walks that this was developed with were that much larger.
         pub hidden_factor: f64 = 1.2,
+        /// The same of steps that rise or fall.
+        pub climb_factor: f64 = 2.0,
+        /// Standard deviations of the lift and of the strike from which on a foot that no frame
+        /// shows is lost between its contacts, s: frames are missing.
+        pub max_lift_sigma_s: f64 = 0.12,
+        /// See `max_lift_sigma_s`.
+        pub max_strike_sigma_s: f64 = 0.2,
         /// Maximum time from a contact to the next one of the same foot that is one step, s.
         pub max_swing_s: f64 = 1.5,
         /// Time to the next frame of the foot up to which its pose is observed, s.

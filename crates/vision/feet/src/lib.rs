@@ -21,6 +21,7 @@ mod poses;
 mod prediction;
 mod repeated_image;
 pub mod shoe;
+pub mod slide;
 pub mod stance;
 pub mod swing;
 pub mod swing_habit;
@@ -33,5 +34,5 @@ pub mod trajectory_step;
 
 pub use config::{
     ClockConfig, Config, EventConfig, FootConfig, GaitConfig, JumpConfig, PlacementConfig,
-    PredictionConfig, RepeatedConfig, SearchConfig, StanceConfig, SwingConfig,
+    PredictionConfig, RepeatedConfig, SearchConfig, SlideConfig, StanceConfig, SwingConfig,
 };

@@ -179,6 +179,20 @@ impl<'a> Swing<'a> {
         Some(swing)
     }
 
+    /// Whether the foot rises or falls: edges of steps are none of the usual motion's.
+    pub(crate) fn climbs(&self) -> bool {
+        let [a, b] = self
+            .contacts
+            .map(|own| own.stance.world_from_foot.translation().z);
+        (b - a).abs() > CLIMB_M
+    }
+
+    /// Whether it is known when the foot lifts and strikes.
+    pub(crate) fn has_known_events(&self, config: &SwingConfig) -> bool {
+        let [heel_off, toe_off, strike, _] = event_sigmas_s(self.contacts);
+        heel_off.min(toe_off) < config.max_lift_sigma_s && strike < config.max_strike_sigma_s
+    }
+
     /// Mean and variance of the deviation along each axis at times.
     pub(crate) fn deviations(
         &self,

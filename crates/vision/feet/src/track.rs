@@ -2,7 +2,8 @@
 //!
 //! Contract: at rest a foot has the pose of its contact. From a contact to the next one it follows
 //! its usual motion, with the deviation that frames show; where no frame does, the covariance says
-//! so. A foot whose next contact is missing, or too late for one step, is lost.
+//! so. A foot whose next contact is missing, or too late for one step, is lost, and so is one that
+//! no frame shows between events that are hardly known.
 
 use std::ops::Range;
 
@@ -92,11 +93,15 @@ pub fn foot_poses(
                     false => FootStatus::Bridged,
                 };
                 let factor = match status {
-                    FootStatus::Bridged => config.hidden_factor * config.hidden_factor,
+                    FootStatus::Bridged if swing.climbs() => config.climb_factor,
+                    FootStatus::Bridged => config.hidden_factor,
                     _ => 1.0,
                 };
+                let factor = factor * factor;
                 let own = own.map(|[value, variance]| [value, factor * variance]);
-                swing_pose(*ns, &swing, [contact, after], &own, status).unwrap_or(FootPose {
+                let is_known = status != FootStatus::Bridged || swing.has_known_events(config);
+                let pose = swing_pose(*ns, &swing, [contact, after], &own, status);
+                pose.filter(|_| is_known).unwrap_or(FootPose {
                     time_ns: *ns,
                     world_from_foot: last,
                     covariance: None,

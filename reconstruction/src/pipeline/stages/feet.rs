@@ -15,7 +15,7 @@ use ::feet::observation::causal_observations;
 use ::feet::shoe::Side;
 use ::feet::swing_habit::SwingHabit;
 use ::feet::track::{self, FootContacts, foot_poses};
-use ::feet::{ClockConfig, FootConfig, GaitConfig, JumpConfig, PlacementConfig};
+use ::feet::{ClockConfig, FootConfig, GaitConfig, JumpConfig, PlacementConfig, SlideConfig};
 use cad_transforms::rig::Foot;
 use scene_bundle::outputs::contacts::{ContactEvent, ContactView, FootContact};
 use scene_bundle::outputs::feet::{FootPose, FootStatus};
@@ -32,7 +32,7 @@ use self::contact_views::{ContactViewConfig, Keyframes, contact_views};
 use self::gait::{Gait, candidates, on_one_clock, report_drift, without_jumps};
 use self::ground_below::GroundBelowConfig;
 use self::placement::correct_placement;
-use self::reports::{report, report_restless, report_sole, report_unseen};
+use self::reports::{report, report_restless, report_slides, report_sole, report_unseen};
 use super::depth_frames::{DepthFrame, instants};
 use super::soles::{edges, outline};
 use crate::input::Input;
@@ -78,6 +78,7 @@ impl Stage<Input> for FeetStage {
             "gait": GaitConfig::default(),
             "clock": ClockConfig::default(),
             "jump": JumpConfig::default(),
+            "slide": SlideConfig::default(),
             "placement": PlacementConfig::default(),
             "ground_below": GroundBelowConfig::default(),
             "contact_views": ContactViewConfig::default(),
@@ -135,15 +136,15 @@ pub fn feet(
         .contacts
         .each_ref()
         .map(|own| continuous.contacts_back(own));
-    let (is_corrected, placements) = correct_placement(work, &mut rig, ground, &in_world);
-    if is_corrected {
+    let placements = correct_placement(work, &mut rig, ground, &in_world);
+    if placements.is_corrected {
         gait = of_rig(&rig);
     }
     let Gait {
         observed,
         mut contacts,
     } = gait;
-    for (contacts, placement) in contacts.iter_mut().zip(&placements) {
+    for (contacts, placement) in contacts.iter_mut().zip(&placements.uncertain) {
         for own in contacts {
             own.stance.covariance = own.stance.covariance.plus(placement);
         }
@@ -161,7 +162,15 @@ pub fn feet(
             contacts: &contacts[k],
             sole: soles[k],
         });
-        let habit = SwingHabit::learned(&known, &config.swing);
+        // What a tag that slipped shows is not how feet swing.
+        let sound = [0, 1].map(|k: usize| FootContacts {
+            contacts: match placements.slipped[k] {
+                true => &[],
+                false => known[k].contacts,
+            },
+            ..known[k]
+        });
+        let habit = SwingHabit::learned(&sound, &config.swing);
         for (foot, known) in Foot::ALL.into_iter().zip(&known) {
             let found = foot_poses(known, &habit, &times, &config.swing);
             let rigs = trajectory.poses().iter();
@@ -178,6 +187,7 @@ pub fn feet(
         report(work, &contacts, &poses);
         for (foot, known) in Foot::ALL.into_iter().zip(&known) {
             report_restless(work, foot, known);
+            report_slides(work, foot, known);
         }
         report_unseen(work, &known);
         for (foot, sole) in Foot::ALL.into_iter().zip(&soles) {

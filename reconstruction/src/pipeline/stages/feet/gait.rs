@@ -158,7 +158,7 @@ pub(super) fn report_drift(
         1e2 * drift.value,
         1e2 * drift.sigma
     );
-    match drift.value.abs() > (config.min_sigmas * drift.sigma).max(config.min_drift) {
+    match drift.value.abs() > (config.min_drift_sigmas * drift.sigma).max(config.min_drift) {
         true => work.record_loss(format!(
             "{percent}: its poses drift, or the calibration of the camera is wrong"
         )),

@@ -15,17 +15,27 @@ use super::super::soles::shoe;
 use super::ground_below::{GroundBelow, corrected, places, remaining};
 use crate::pipeline::Findings;
 
-/// Corrects the placement of the tags by the ground below the feet at rest: whether it did, and
-/// what is uncertain of the pose of each foot by what remains of their tolerance.
-/// Reports tags that slipped, that are exchanged, and those that the ground contradicts.
+/// What the ground says of the placement of tags.
+pub(super) struct Placements {
+    /// Whether a placement was corrected.
+    pub(super) is_corrected: bool,
+    /// What is uncertain of the pose of each foot by what remains of its tag's tolerance.
+    pub(super) uncertain: [Covariance; 2],
+    /// Whether its tag slipped.
+    pub(super) slipped: [bool; 2],
+}
+
+/// Corrects the placement of the tags by the ground below the feet at rest. Reports tags that
+/// slipped, that are exchanged, and those that the ground contradicts.
 pub(super) fn correct_placement(
     work: &Findings,
     rig: &mut RigModel,
     ground: &TerrainMesh,
     contacts: &[Vec<Contact>; 2],
-) -> (bool, [Covariance; 2]) {
+) -> Placements {
     let config = PlacementConfig::default();
     let mut uncertain = [Covariance::zero(); 2];
+    let mut slipped = [false; 2];
     let [left, right] = contacts.each_ref().map(|own| places(own));
     if are_exchanged([&left, &right], &config) {
         work.record_loss(
@@ -43,6 +53,7 @@ pub(super) fn correct_placement(
         }
         if let Some(slip) = slip(&samples, &config) {
             work.record_loss(slip_message(foot, &slip));
+            slipped[k] = true;
             // Before and after it the placement differs.
             continue;
         }
@@ -74,7 +85,11 @@ pub(super) fn correct_placement(
             ));
         }
     }
-    (is_corrected, uncertain)
+    Placements {
+        is_corrected,
+        uncertain,
+        slipped,
+    }
 }
 
 fn slip_message(foot: Foot, slip: &Slip) -> String {

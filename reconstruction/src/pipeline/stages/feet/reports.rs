@@ -1,9 +1,10 @@
 //! What the stage reports of feet.
 
-use ::feet::FootConfig;
 use ::feet::events::Contact;
+use ::feet::slide::slides;
 use ::feet::swing::SoleEdges;
 use ::feet::track::FootContacts;
+use ::feet::{FootConfig, SlideConfig};
 use cad_transforms::rig::Foot;
 use scene_bundle::outputs::feet::{FootPose, FootStatus};
 
@@ -45,6 +46,23 @@ pub(super) fn report_restless(work: &Findings, foot: Foot, known: &FootContacts<
              poses of the rig, the calibration of the camera and size_m of [[shoe_tag]]",
             foot.as_str(),
             100.0 * share
+        ));
+    }
+}
+
+/// Reports a foot that slides before it rests: its heel strikes are taken for later than they are.
+pub(super) fn report_slides(work: &Findings, foot: Foot, known: &FootContacts<'_>) {
+    let config = SlideConfig::default();
+    let slides = slides(known, &config);
+    if slides.len() >= config.min_contacts {
+        let longest_m = slides.iter().copied().fold(0.0, f64::max);
+        work.record_loss(format!(
+            "{}: in {} of {} contacts it slides flat on the ground before it rests, by up to {:.0} \
+             mm: heel strikes and times at which it is flat are those of the end of that",
+            foot.as_str(),
+            slides.len(),
+            known.contacts.len(),
+            1e3 * longest_m
         ));
     }
 }
