@@ -129,10 +129,8 @@ config! {
         /// Height above that up to which it is on the ground, m.
         pub max_height_m: f64 = 0.012,
         /// Displacements along the ground that are those of a slide, m.
-        pub shift_m: [f64; 2] = [0.02, 0.2],
-        /// Least number of frames that show one.
-        pub min_frames: usize = 2,
-        /// Least number of contacts with one.
+        pub shift_m: [f64; 2] = [0.018, 0.2],
+        /// Least number of contacts with one, of walks with more contacts than that.
         pub min_contacts: usize = 2,
     }
 

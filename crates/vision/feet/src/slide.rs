@@ -22,9 +22,8 @@ pub fn slides(foot: &FootContacts<'_>, config: &SlideConfig) -> Vec<f64> {
             let is_low = motion[2].abs() < config.max_height_m;
             (is_flat && is_low && shift < largest).then_some(shift)
         });
-        let slid: Vec<f64> = shifts.filter(|shift| *shift > least).collect();
-        let longest = slid.iter().copied().fold(0.0, f64::max);
-        (slid.len() >= config.min_frames).then_some(longest)
+        let longest = shifts.fold(0.0, f64::max);
+        (longest > least).then_some(longest)
     };
     foot.contacts.iter().filter_map(of_contact).collect()
 }

@@ -24,6 +24,9 @@ const PITCH_SIGMA: f64 = 0.02;
 /// who run do so flat or on the toe.
 const MODEL_SIGMA_S: f64 = 0.006;
 const RUN_SIGMA_S: f64 = 0.02;
+/// The same of the time from which on the whole sole bears, which shoes and ground make less sharp,
+/// s.
+const FLAT_SIGMA_S: f64 = 0.01;
 /// Speed from which on people run, m/s.
 const RUN_SPEED: f64 = 2.0;
 /// How much the pitch may differ from that of the strike before it, rad/s.
@@ -179,7 +182,7 @@ pub(super) fn strike(
     let squares = of(|own| own.variance + own.mean.component_mul(&own.mean));
     Strike {
         heel_strike: event(time, is_seen),
-        foot_flat: event([flat[0].max(time[0]), flat[1]], is_seen),
+        foot_flat: event([flat[0].max(time[0]), flat[1].hypot(FLAT_SIGMA_S)], is_seen),
         motion: Motion {
             mean,
             variance: squares - mean.component_mul(&mean),

@@ -54,7 +54,8 @@ pub(super) fn report_restless(work: &Findings, foot: Foot, known: &FootContacts<
 pub(super) fn report_slides(work: &Findings, foot: Foot, known: &FootContacts<'_>) {
     let config = SlideConfig::default();
     let slides = slides(known, &config);
-    if slides.len() >= config.min_contacts {
+    let least = config.min_contacts.min(known.contacts.len()).max(1);
+    if slides.len() >= least {
         let longest_m = slides.iter().copied().fold(0.0, f64::max);
         work.record_loss(format!(
             "{}: in {} of {} contacts it slides flat on the ground before it rests, by up to {:.0} \
