@@ -2,6 +2,7 @@
 
 use cad_transforms::RigidTransform;
 use nalgebra::Vector3;
+use simd_dispatch::Kernel;
 
 use crate::batch::{BATCH, PixelBatch, Pixels, Plane, PlaneBatch};
 use crate::blur::Blur;
@@ -9,9 +10,7 @@ use crate::moments::Moments;
 use crate::patch::{Patch, plane};
 use crate::tag::Tag;
 use crate::template::{PatternBatch, Template};
-use crate::vectors::{self, Kernel};
 use crate::view::Motion;
-
 /// Displacements that are tried along each axis, in steps, and a step, cells.
 const STEPS: i32 = 4;
 const STEP_CELLS: f64 = 0.4;
@@ -119,7 +118,7 @@ fn correlation(template: &Template, points: &Points, shift: [f64; 2]) -> f64 {
     let mut pattern = PatternBatch::ZERO;
     let batches = points.pixels.batches.iter().zip(&points.places);
     for (number, (pixels, places)) in batches.enumerate() {
-        vectors::run(Shifted {
+        simd_dispatch::run(Shifted {
             template,
             places,
             shift,

@@ -6,7 +6,6 @@ use crate::linearization::{PatchModel, Sample, State};
 use crate::patch::{Window, cell_at, plane};
 use crate::tag::Tag;
 use crate::template::PatternBatch;
-use crate::vectors;
 use crate::view::Motion;
 
 /// Deviation from which on something hides a cell, and from which on its bit is wrong: 1 is that of
@@ -63,7 +62,7 @@ impl Cells {
             let (black, by_contrast) = (levels.black as f32, 1.0 / levels.contrast() as f32);
             let (mut point, mut pattern) = (PlaneBatch::ZERO, PatternBatch::ZERO);
             for (number, batch) in pixels.batches.iter().enumerate() {
-                vectors::run(Sample {
+                simd_dispatch::run(Sample {
                     plane: &plane,
                     template: own.template(),
                     growth: own.growth(state.log_blur),

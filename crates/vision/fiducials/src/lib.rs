@@ -38,7 +38,6 @@ mod template;
 #[cfg(test)]
 mod test_images;
 mod tone;
-mod vectors;
 mod view;
 
 pub use config::Config;

@@ -4,6 +4,7 @@ use std::rc::Rc;
 
 use cad_transforms::RigidTransform;
 use nalgebra::{DMatrix, DVector, Matrix6};
+use simd_dispatch::Kernel;
 
 use crate::batch::{PixelBatch, Plane, PlaneBatch};
 use crate::blur::Blur;
@@ -17,9 +18,7 @@ use crate::residuals::{
 use crate::tag::Tag;
 use crate::template::{PatternBatch, Template};
 use crate::tone::Tone;
-use crate::vectors::{self, Kernel};
 use crate::view::Motion;
-
 /// Limits of the logarithm of the blur, and of the exponent of the tone curve.
 const LOG_BLUR_LIMIT: f64 = 1.5;
 const TONE_LIMITS: [f64; 2] = [0.25, 1.2];
@@ -226,7 +225,7 @@ impl<'a> Problem<'a> {
             let plane = own.patch.plane(self.tag, pose, self.motion)?;
             let mut patterns = Vec::with_capacity(pixels.count);
             for (number, batch) in pixels.batches.iter().enumerate() {
-                let is_front = vectors::run(Sample {
+                let is_front = simd_dispatch::run(Sample {
                     plane: &plane,
                     template: &own.template,
                     growth: own.growth(log_blur),
@@ -278,7 +277,7 @@ impl<'a> Problem<'a> {
     pub(crate) fn evaluate(&self, state: &State) -> Option<Evaluation> {
         let of_patch = |(own, levels): (&PatchModel<'_>, &Levels)| {
             let plane = own.patch.plane(self.tag, &state.pose, self.motion)?;
-            vectors::run(Evaluate {
+            simd_dispatch::run(Evaluate {
                 pixels: &own.patch.pixels,
                 plane: &plane,
                 template: &own.template,
@@ -319,7 +318,7 @@ impl<'a> Problem<'a> {
         let limit = self.config.robust_ratio;
         let by_limit = (1.0 / (noise * limit)) as f32;
         let of_patch = |residuals| {
-            vectors::run(Cost {
+            simd_dispatch::run(Cost {
                 residuals,
                 by_limit,
             })
@@ -344,7 +343,7 @@ impl<'a> Problem<'a> {
         let mut gradient = DVector::zeros(count);
         let (mut weights, mut squares) = (0.0, 0.0);
         for (patch, residuals) in evaluation.patches.iter().enumerate() {
-            let sums = vectors::run(Accumulate {
+            let sums = simd_dispatch::run(Accumulate {
                 residuals,
                 noise,
                 limit: self.config.robust_ratio,

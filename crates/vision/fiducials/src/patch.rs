@@ -1,14 +1,13 @@
 //! Pixels of an eye near a tag.
 
 use cad_transforms::RigidTransform;
+use simd_dispatch::Kernel;
 
 use crate::batch::{BATCH, Lane, Pixel, PixelBatch, Pixels, Plane, PlaneBatch};
 use crate::blur::Blur;
 use crate::config::Config;
 use crate::tag::Tag;
-use crate::vectors::{self, Kernel};
 use crate::view::{Motion, Rays, RowPoses, View, pixel_area, window};
-
 /// Distance of the pixels that count from what is around the tag, in sigmas of the blur, besides
 /// half of the motion during the exposure.
 const AROUND_SIGMAS: f64 = 2.0;
@@ -131,7 +130,7 @@ impl<'a> Window<'a> {
         let (mut row_phase, mut point) = (phase, PlaneBatch::ZERO);
         for (number, pixels) in self.pixels.batches.iter().enumerate() {
             let mut is_near = [0_u32; BATCH];
-            let any = vectors::run(Near {
+            let any = simd_dispatch::run(Near {
                 plane: &plane,
                 pixels,
                 most,

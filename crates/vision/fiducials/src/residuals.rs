@@ -3,12 +3,12 @@
 //! Contract: in batches of single precision, which vectors compute; sums over batches are of double
 //! precision.
 
+use simd_dispatch::Kernel;
+
 use crate::batch::{BATCH, Lane, Pixels, Plane, PlaneBatch};
 use crate::levels::Levels;
 use crate::template::{PatternBatch, Template};
 use crate::tone::TonePair;
-use crate::vectors::Kernel;
-
 /// Unknowns that all eyes share: pose, blur, tone.
 pub(crate) const SHARED: usize = 8;
 pub(crate) const BLUR: usize = 6;

@@ -4,12 +4,12 @@
 //! them the pattern and its derivatives are interpolated linearly. That widens the blur by the
 //! variance of a triangle, h^2/6 for a step h, which the table has less.
 
+use simd_dispatch::Kernel;
+
 use crate::batch::{BATCH, Lane, PlaneBatch};
 use crate::blur::Blur;
 use crate::pattern::{PatternSample, Shares};
 use crate::tag::Tag;
-use crate::vectors::{self, Kernel};
-
 /// Entries per sigma of the blur, and limits of entries per cell.
 const PER_SIGMA: f64 = 2.0;
 const PER_CELL_LIMITS: [f64; 2] = [4.0, 16.0];
@@ -228,7 +228,7 @@ impl Grid {
             }
             let (cell, shares) = place(1, k);
             for (of_row, shares) in shares.cells(cell, tag) {
-                vectors::run(AddRow {
+                simd_dispatch::run(AddRow {
                     row: &rows[of_row],
                     shares: shares.map(|v| v as f32),
                     lens_share,

@@ -79,10 +79,7 @@ pub fn collision_parts(
     for (number, plane) in planes.planes.iter().enumerate() {
         let of_plane: Vec<&Edge> = edges
             .iter()
-            .filter(|edge| {
-                let (a, b) = edge.planes;
-                a as usize == number || b.is_some_and(|b| b as usize == number)
-            })
+            .filter(|edge| edge.plane_numbers().any(|own| own == number))
             .collect();
         if of_plane.is_empty() && plane.area_m2 < config.min_plane_m2 {
             continue;

@@ -1,31 +1,4 @@
-//! Inner loops compiled for the vector instructions of the processor.
-//!
-//! Contract: a kernel gives the same bits with every instruction set: the compiler fuses no
-//! multiplications and additions, and reorders none, on its own.
-
-/// An inner loop. What it calls has to be inlined into it.
-pub(crate) trait Kernel {
-    /// Has the attribute `#[inline(always)]`.
-    fn run(self);
-}
-
-/// Runs a kernel with AVX2 where the processor has it.
-#[expect(unsafe_code, reason = "the instruction set is checked at run time")]
-pub(crate) fn run<K: Kernel>(kernel: K) {
-    #[cfg(target_arch = "x86_64")]
-    if is_x86_feature_detected!("avx2") {
-        // SAFETY: the processor supports the target features of the function, as checked above.
-        unsafe { on_avx2(kernel) };
-        return;
-    }
-    kernel.run();
-}
-
-#[cfg(target_arch = "x86_64")]
-#[target_feature(enable = "avx2")]
-fn on_avx2<K: Kernel>(kernel: K) {
-    kernel.run();
-}
+//! Operations on single numbers that become one vector instruction each.
 
 /// The integer part of a number, which is limited to 1e9; -1e9 for NaN. Unlike `as`, it becomes one
 /// vector instruction.

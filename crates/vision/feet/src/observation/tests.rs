@@ -55,15 +55,16 @@ fn landing() -> Vec<FootCandidates> {
             0..5 => (0.3, -0.1 * f64::from(5 - n)),
             _ => (0.0, 0.0),
         };
+        let other = if n < 5 {
+            -0.2
+        } else {
+            -0.1 - 0.05 * f64::from(n)
+        };
+        let at = |pitch: f64| {
+            RigidTransform::from_rotation_vector([0.0, -pitch, 0.0], [0.0, 0.1, 0.0]).unwrap()
+        };
         let mut own = frame(i64::from(n), pitch, false);
-        let other = [-0.2, -0.1 - 0.05 * f64::from(n)][usize::from(n >= 5)];
-        own.poses[1] = (
-            RigidTransform::from_rotation_vector([0.0, -other, 0.0], [0.0, 0.1, 0.0]).unwrap(),
-            2.0,
-        );
-        own.poses.reverse();
-        own.poses[1].1 = 4.0;
-        own.poses[0].1 = 0.0;
+        own.poses = vec![(at(other), 0.0), (at(pitch), 4.0)];
         own.tag_place = Vector3::new(x, 0.1, 0.08);
         own
     });

@@ -38,9 +38,9 @@ pub(super) fn tilt_prior(frames: &[TagPlace], k: usize, config: &FootConfig) -> 
     let rests = |k: usize| tag_speed(&frames[k], &frames[k + 1]) < config.rest_speed;
     let mut before = (0..k).rev().take_while(|at| is_near(*at, k));
     let after = (k..frames.len() - 1).take_while(|at| is_near(k, *at + 1));
-    let rested = before.any(rests);
+    let was_at_rest = before.any(rests);
     let lands = after.skip(1).any(rests) && !(k + 1 < frames.len() && rests(k));
-    if !rested && lands {
+    if !was_at_rest && lands {
         return TiltPrior {
             pitch: config.approach_pitch[0],
             sigma: config.approach_pitch[1],
@@ -63,6 +63,7 @@ pub(super) fn speed_before(frames: &[TagPlace], k: usize, config: &FootConfig) -
     near.map_or(f64::INFINITY, |own| tag_speed(own, &frames[k]))
 }
 
+/// From a frame to a later one, s.
 pub(super) fn seconds_between(a: &TagPlace, b: &TagPlace) -> f64 {
     1e-9 * (b.time_ns - a.time_ns) as f64
 }

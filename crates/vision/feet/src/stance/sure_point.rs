@@ -1,7 +1,9 @@
 //! The point of a foot whose place a frame tells best.
 
 use cad_transforms::{Covariance, RigidTransform};
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::{Matrix3, UnitQuaternion, Vector3};
+
+use crate::poses::pose;
 
 /// Uncertainty of a position, given its rotation, up to which a pose tells whether a foot rests, m.
 pub(super) const MAX_SIGMA_M: f64 = 0.01;
@@ -10,9 +12,11 @@ pub(super) const MAX_SIGMA_M: f64 = 0.01;
 /// differ from none: fewer in 99.5 % of the cases.
 const PLACE_SIGMAS: f64 = 3.6;
 
-/// The point of a foot that a pose knows best, in the foot, m: the middle of its tag. Fits that end
-/// in a wrong tilt tell its place all the same, and a foot that rolls moves it.
-pub(super) struct SurePoint(Vector3<f64>);
+/// The point of a foot that a pose knows best: the middle of its tag. Fits that end in a wrong tilt
+/// tell its place all the same, and a foot that rolls moves it.
+pub(super) struct SurePoint {
+    foot_from_point: RigidTransform,
+}
 
 impl SurePoint {
     pub(super) fn of(covariance: &Covariance) -> Self {
@@ -24,24 +28,23 @@ impl SurePoint {
             .map_or_else(Matrix3::zeros, |inverse| {
                 matrix.fixed_view::<3, 3>(0, 3).into_owned() * inverse
             });
-        Self(0.5 * skew_part(&lever))
+        let point = pose(&UnitQuaternion::identity(), &(0.5 * skew_part(&lever)));
+        Self {
+            foot_from_point: point.unwrap_or_else(RigidTransform::identity),
+        }
     }
 
     /// Displacement of the point from one pose of the foot to another one, in the axes of the
     /// first, m.
     pub(super) fn displacement(&self, a: &RigidTransform, b: &RigidTransform) -> Vector3<f64> {
-        let point: [f64; 3] = self.0.into();
-        Vector3::from(a.inverse().apply(b.apply(point))) - self.0
+        let moved = a.inverse() * *b * self.foot_from_point;
+        moved.translation() - self.foot_from_point.translation()
     }
 
     /// Covariance of its place in the axes of the foot, m².
     pub(super) fn covariance(&self, of_foot: &Covariance) -> Matrix3<f64> {
-        let matrix = of_foot.matrix();
-        let turned = -self.0.cross_matrix();
-        let [position, both, rotation] =
-            [(0, 0), (0, 3), (3, 3)].map(|(i, j)| matrix.fixed_view::<3, 3>(i, j).into_owned());
-        let cross = both * turned.transpose();
-        position + cross + cross.transpose() + turned * rotation * turned.transpose()
+        let of_point = of_foot.moved(&self.foot_from_point.inverse());
+        of_point.matrix().fixed_view::<3, 3>(0, 0).into_owned()
     }
 }
 

@@ -1,13 +1,12 @@
 use boards::Dictionary;
 use imaging::ImageView;
+use simd_dispatch::Kernel;
 
 use super::*;
 use crate::batch::BATCH;
 use crate::patch::{Selection, Window};
 use crate::test_images::{CLEAN, Draw, Imaging, SIZE, lens, render};
-use crate::vectors::Kernel;
 use crate::view::{RowPoses, View, by_motion};
-
 const MOVING: Motion = Motion {
     linear: [0.9, 0.6, -0.2],
     angular: [0.0, 0.5, 1.0],
@@ -123,7 +122,7 @@ fn vectors_give_the_same_bits() {
             cell_m: problem.tag.cell_m() as f32,
         };
         let plain = evaluate().run().unwrap();
-        let vectors = vectors::run(evaluate()).unwrap();
+        let vectors = simd_dispatch::run(evaluate()).unwrap();
         for (a, b) in plain.batches.iter().zip(&vectors.batches) {
             let bits = |lane: &[f32; BATCH]| lane.map(f32::to_bits);
             assert_eq!(bits(&a.residuals), bits(&b.residuals));
@@ -136,7 +135,7 @@ fn vectors_give_the_same_bits() {
             noise: 2.5,
             limit: 2.5,
         };
-        let (a, b) = (accumulate().run(), vectors::run(accumulate()));
+        let (a, b) = (accumulate().run(), simd_dispatch::run(accumulate()));
         assert_eq!(a.gradient.map(f64::to_bits), b.gradient.map(f64::to_bits));
         let bits = |row: [f64; OWN]| row.map(f64::to_bits);
         assert_eq!(a.hessian.map(bits), b.hessian.map(bits));
@@ -144,7 +143,7 @@ fn vectors_give_the_same_bits() {
             residuals: &plain,
             by_limit: 0.15,
         };
-        let (a, b) = (cost().run(), vectors::run(cost()));
+        let (a, b) = (cost().run(), simd_dispatch::run(cost()));
         assert_eq!(a.to_bits(), b.to_bits());
     });
 }

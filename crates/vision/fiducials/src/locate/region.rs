@@ -8,7 +8,6 @@ use estimator_config::config;
 use crate::blur::Blur;
 use crate::tag::Tag;
 use crate::template::Template;
-use crate::vectors;
 use crate::view::View;
 
 config! {
@@ -297,7 +296,7 @@ impl Region {
         config: &LocateConfig,
         correlations: &mut [f32],
     ) {
-        vectors::run(Correlate::<'_, COLUMNS> {
+        simd_dispatch::run(Correlate::<'_, COLUMNS> {
             region: self,
             kernel,
             first: [columns.start, row],
@@ -316,7 +315,7 @@ struct Correlate<'k, const COLUMNS: usize> {
     correlations: &'k mut [f32],
 }
 
-impl<const COLUMNS: usize> vectors::Kernel for Correlate<'_, COLUMNS> {
+impl<const COLUMNS: usize> simd_dispatch::Kernel for Correlate<'_, COLUMNS> {
     type Output = ();
 
     #[inline(always)]

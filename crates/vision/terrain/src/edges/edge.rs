@@ -51,6 +51,14 @@ impl Edge {
         (Vector3::from(self.to) - Vector3::from(self.from)).norm()
     }
 
+    /// Numbers of the planes whose edge it is.
+    pub(crate) fn plane_numbers(&self) -> impl Iterator<Item = usize> {
+        let (first, second) = self.planes;
+        std::iter::once(first)
+            .chain(second)
+            .map(|number| number as usize)
+    }
+
     /// Middle, m.
     pub fn middle(&self) -> [f64; 3] {
         [0, 1, 2].map(|k| 0.5 * (self.from[k] + self.to[k]))

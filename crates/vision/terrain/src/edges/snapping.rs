@@ -59,9 +59,8 @@ fn facets(planes: &Planes, edges: &[Edge]) -> Vec<bool> {
         .map(|plane| plane.area_m2 < min_alone_m2)
         .collect();
     for edge in edges {
-        let (first, second) = edge.planes;
-        for number in [Some(first), second].into_iter().flatten() {
-            is_facet[number as usize] = false;
+        for number in edge.plane_numbers() {
+            is_facet[number] = false;
         }
     }
     is_facet

@@ -2,9 +2,11 @@
 //!
 //! Values lie in rows of one quantity each, so that loops over a row use vector instructions.
 
+use simd_dispatch::Kernel;
+
 use super::step::step;
 use crate::config::FusionConfig;
-use crate::instructions::{Kernel, larger, smaller};
+use crate::instructions::{larger, smaller};
 use crate::view::{DepthView, PixelClass};
 
 /// A row of cells. All fields have one cell without depth before the first and after the last one.
@@ -85,6 +87,8 @@ struct Columns {
 }
 
 impl Kernel for Means<'_> {
+    type Output = ();
+
     #[inline(always)]
     fn run(mut self) {
         let width = self.view.size[0];

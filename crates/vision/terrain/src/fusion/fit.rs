@@ -1,11 +1,12 @@
 //! Planes of cells, by a fit of the inverse depths of the cells around each.
 
 use rayon::prelude::*;
+use simd_dispatch::Kernel;
 
 use super::cells::{CellRow, Cells};
 use super::step::step;
 use crate::config::FusionConfig;
-use crate::instructions::{self, Kernel, larger};
+use crate::instructions::larger;
 use crate::view::DepthView;
 
 /// Planes of a row of cells.
@@ -41,7 +42,7 @@ impl Planes {
                 inverse: zeros(),
                 normal: [zeros(), zeros(), zeros()],
             };
-            instructions::run(Fit {
+            simd_dispatch::run(Fit {
                 step_ratio: config.step_ratio as f32,
                 focal_px: view.focal_px.map(|f| f as f32),
                 center_px: view.center_px.map(|c| c as f32),
@@ -71,6 +72,8 @@ struct Fit<'a> {
 const SUMS: usize = 9;
 
 impl Kernel for Fit<'_> {
+    type Output = ();
+
     #[inline(always)]
     fn run(self) {
         let columns = self.planes.inverse.len();

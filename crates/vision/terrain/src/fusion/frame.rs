@@ -11,7 +11,6 @@ use super::cells::{self, Cells};
 use super::fit::Planes;
 use super::pixels::{Pixel, Row, Rules};
 use crate::config::FusionConfig;
-use crate::instructions;
 use crate::view::{DepthView, Pose};
 
 /// Cells across the width of an image, at least. Their edge is a power of 2.
@@ -57,7 +56,7 @@ impl<'a> Frame<'a> {
             .par_chunks_mut(cell_px * width)
             .zip(cells.rows.par_iter_mut());
         stripes.enumerate().with_min_len(4).for_each(|(row, of)| {
-            instructions::run(cells::Means {
+            simd_dispatch::run(cells::Means {
                 config,
                 view,
                 first_row: row * cell_px,
@@ -76,7 +75,7 @@ impl<'a> Frame<'a> {
             .enumerate()
             .with_min_len(16)
             .for_each(|(row, pixels)| {
-                instructions::run(Row {
+                simd_dispatch::run(Row {
                     rules: &rules,
                     view,
                     row,

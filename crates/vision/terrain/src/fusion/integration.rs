@@ -14,7 +14,6 @@ use super::grid::{Grid, Key};
 use super::pyramid::DepthPyramid;
 use super::update::{CellNormal, Lattice, Rules, Update};
 use crate::config::FusionConfig;
-use crate::instructions;
 
 /// A view in the numbers of the inner loop.
 pub(crate) struct Integration<'a> {
@@ -87,7 +86,7 @@ impl<'a> Integration<'a> {
             .into_par_iter()
             .with_min_len(8)
             .for_each(|(key, block)| {
-                instructions::run(Update {
+                simd_dispatch::run(Update {
                     frame: self.frame,
                     normals: &self.normals,
                     rules: &self.rules,

@@ -1,10 +1,11 @@
 //! Pixels as voxels need them.
 
+use simd_dispatch::Kernel;
+
 use super::cells::Cells;
 use super::fit::Planes;
 use super::step::step;
 use crate::config::FusionConfig;
-use crate::instructions::Kernel;
 use crate::view::DepthView;
 
 /// A pixel as voxels need it.
@@ -91,6 +92,8 @@ struct Predicted {
 }
 
 impl Kernel for Row<'_> {
+    type Output = ();
+
     #[inline(always)]
     fn run(self) {
         let width = self.pixels.len();

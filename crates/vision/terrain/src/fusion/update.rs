@@ -1,9 +1,11 @@
 //! Update of the voxels of a block, in layers of 8 x 8 voxels.
 
+use simd_dispatch::Kernel;
+
 use super::block::{Block, COUNT, DISTANCE_STEPS, EDGE, WEIGHT_STEPS};
 use super::frame::Frame;
 use crate::config::FusionConfig;
-use crate::instructions::{Kernel, larger, smaller, truncated};
+use crate::instructions::{larger, smaller, truncated};
 
 /// Nearest depth of a voxel that is updated, m.
 const MIN_DEPTH_M: f32 = 0.05;
@@ -127,6 +129,8 @@ pub(super) struct Fused {
 }
 
 impl Kernel for Update<'_> {
+    type Output = ();
+
     #[inline(always)]
     fn run(mut self) {
         const ZEROS: Values = [0.0; LAYER];
