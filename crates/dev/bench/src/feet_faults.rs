@@ -7,7 +7,8 @@
 //! - *silently wrong*: of the feet that no loss names, a place or height of a contact or a time of
 //!   an event is more than 3 of its stated sigmas wrong and is not so on the same walk without the
 //!   fault, or more than 1.6 % of the poses are, or there are more contacts while a foot has none
-//!   than on that walk. A loss that names no foot, but tags or the camera, names both;
+//!   than on that walk. A loss that names no foot, but tags or the camera, names both; one that is
+//!   reported without the fault, with whatever numbers, names none;
 //! - *flagged*: not silently wrong, and a loss is reported, or more contacts are missed or more
 //!   than 1 % more poses lost than without a fault, or an error is within its sigmas but large:
 //!   10 cm of a contact, 25 cm of a pose, 0.2 s of an event, and a tenth larger than without;
@@ -41,7 +42,7 @@ use serde_json::{Value, json};
 use self::device::delivered;
 use self::faults::{Injection, SWEEPS, Sweep};
 use self::inputs::Inputs;
-use self::outcome::{FootScores, Outcome};
+use self::outcome::{Clean, FootScores, Outcome};
 use self::point::{NO_FAULT, NO_FAULT_POINT, Point, point};
 use self::scores::Truth;
 use self::walks::{OTHERS, SHORT_S, WALKS, Walk};
@@ -211,9 +212,9 @@ struct Reference {
     simulation: Arc<Simulation>,
     frames: Vec<Arc<StereoFrame>>,
     ground: TerrainMesh,
-    /// Scores of its first part and of all.
-    short: [FootScores; 2],
-    long: [FootScores; 2],
+    /// What is stated of its first part and of all.
+    short: Clean,
+    long: Clean,
 }
 
 impl Reference {
@@ -225,18 +226,26 @@ impl Reference {
             frames: walk.render(&simulation, &Faults::default(), walk.long_s)?,
             ground: ground::ground(walk)?,
             simulation,
-            short: Default::default(),
-            long: Default::default(),
+            short: Clean::default(),
+            long: Clean::default(),
         };
         let of = |length_s: f64| {
             let inputs = reference.inputs(length_s)?;
             let simulation = &reference.simulation;
             let (scores, found) = evaluate(walk, simulation, &inputs, &reference.ground, length_s)?;
-            let clean = (&scores, true);
+            // Any loss is a false one.
+            let clean = Clean {
+                feet: scores.clone(),
+                losses: Vec::new(),
+            };
+            let clean = (&clean, true);
             Ok::<_, anyhow::Error>(point(walk, NO_FAULT_POINT, length_s, &scores, found, clean))
         };
         let points = [of(SHORT_S)?, of(walk.long_s)?];
-        [reference.short, reference.long] = points.each_ref().map(|own| own.feet.clone());
+        [reference.short, reference.long] = points.each_ref().map(|own| Clean {
+            feet: own.feet.clone(),
+            losses: own.losses.clone(),
+        });
         Ok((reference, points))
     }
 
@@ -252,7 +261,11 @@ impl Reference {
         let (simulation, inputs) = rendered(walk, &Faults::default(), None, SHORT_S)?;
         let ground = ground::ground(walk)?;
         let (scores, found) = evaluate(walk, &simulation, &inputs, &ground, SHORT_S)?;
-        let clean = (&self.short, false);
+        let clean = Clean {
+            feet: self.short.feet.clone(),
+            losses: Vec::new(),
+        };
+        let clean = (&clean, false);
         Ok(point(walk, NO_FAULT_POINT, SHORT_S, &scores, found, clean))
     }
 

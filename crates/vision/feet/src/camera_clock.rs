@@ -3,7 +3,8 @@
 //! Contract: a time stamp that is late by an interval moves a foot at rest by that interval times
 //! the velocity with which the rig carries it. That velocity changes during a stance, and so does
 //! the place at which the foot seems to be; the ratio of both changes is the interval. Errors of a
-//! pose that do not change during a stance cancel.
+//! pose that do not change during a stance cancel. Soles roll ahead while they bear, as if a clock
+//! were a little late and poses a little far apart: what is usual of that is subtracted.
 
 use crate::config::ClockConfig;
 use crate::tag_placement::Estimate;
@@ -28,30 +29,33 @@ pub struct RestFrame {
 /// use feet::ClockConfig;
 /// use feet::camera_clock::{RestFrame, clock_error};
 ///
-/// // Ten stances during which the rig becomes faster; frames are 8 ms late.
+/// // Ten stances during which the rig becomes faster; frames are 8 ms late, and soles roll.
+/// let config = ClockConfig::default();
 /// let frame = |k: i32| {
 ///     let speed = 1.0 + 0.1 * f64::from(k);
 ///     RestFrame {
-///         place: [2.0 + 8e-3 * speed, 0.0, 0.0],
+///         place: [2.0 + (8e-3 + config.roll_s[0]) * speed, 0.0, 0.0],
 ///         velocity: [speed, 0.0, 0.0],
 ///         rig: [0.0; 3],
 ///         sigma_m: 1e-3,
 ///     }
 /// };
 /// let stances = vec![(0..6).map(frame).collect::<Vec<_>>(); 10];
-/// let late = clock_error(&stances, &ClockConfig::default()).expect("ten stances");
+/// let late = clock_error(&stances, &config).expect("ten stances");
 /// assert!((late.value - 8e-3).abs() < 1e-6);
 /// ```
 pub fn clock_error(stances: &[Vec<RestFrame>], config: &ClockConfig) -> Option<Estimate> {
-    let sigmas = [config.max_sigma_s, config.shared_sigma_s];
-    ratio(stances, |own| own.velocity, sigmas, config)
+    let sigmas = [config.max_sigma_s, config.roll_s[1]];
+    let of_motion = ratio(stances, |own| own.velocity, sigmas, config)?;
+    Some(of_motion.minus(config.roll_s[0]))
 }
 
 /// By how much feet at rest move with the rig, as a ratio, which they do where poses of the rig are
 /// too far apart from each other.
 pub fn pose_drift(stances: &[Vec<RestFrame>], config: &ClockConfig) -> Option<Estimate> {
-    let sigmas = [config.min_drift, config.shared_drift_sigma];
-    ratio(stances, |own| own.rig, sigmas, config)
+    let sigmas = [config.min_drift, config.roll_drift[1]];
+    let of_motion = ratio(stances, |own| own.rig, sigmas, config)?;
+    Some(of_motion.minus(config.roll_drift[0]))
 }
 
 /// Ratio of changes of places to changes of something else. `sigmas` are the largest standard
@@ -122,6 +126,7 @@ mod tests {
     /// that neighboring frames share in part, and creep by some millimetres.
     fn walk(seed: u64, late_s: f64, count: usize) -> Vec<Vec<RestFrame>> {
         let mut noise = Noise::new(seed);
+        let late_s = late_s + ClockConfig::default().roll_s[0];
         let stance = |_| {
             let offset = 0.01 * noise.next();
             let creep = 2e-3 * noise.next();

@@ -77,8 +77,9 @@ config! {
         pub place_sigma_m: f64 = 0.002,
         /// Largest standard deviation by that alone with which an error is known, s.
         pub max_sigma_s: f64 = 0.003,
-        /// Standard deviation that all stances share, s: feet that roll move with the rig.
-        pub shared_sigma_s: f64 = 5e-4,
+        /// Usual error by soles that roll, and its standard deviation from walk to walk, s: mean and
+        /// scatter of fifteen walks that this was developed with.
+        pub roll_s: [f64; 2] = [0.0015, 0.001],
         /// Standard deviations from which on an error is one, and its least size, s.
         pub min_sigmas: f64 = 4.0,
         /// See `min_sigmas`.
@@ -87,8 +88,9 @@ config! {
         pub min_drift: f64 = 0.006,
         /// Standard deviations from which on it is one.
         pub min_drift_sigmas: f64 = 3.0,
-        /// Standard deviation of that ratio that all stances share: feet roll ahead.
-        pub shared_drift_sigma: f64 = 0.001,
+        /// Usual ratio by soles that roll, and its standard deviation from walk to walk, of the same
+        /// walks; it is larger on stairs.
+        pub roll_drift: [f64; 2] = [0.003, 0.002],
         /// Share of the frames of feet at rest below which errors are tried with which they might
         /// rest more often.
         pub usual_rest_share: f64 = 0.45,
@@ -115,6 +117,11 @@ config! {
         pub min_step_m: f64 = 0.035,
         /// See `min_step_m`.
         pub usual_steps: f64 = 6.0,
+        /// Time before and after a jump of the poses themselves, s, in which it is larger than any
+        /// other by a factor: people who run jolt the rig at every strike.
+        pub alone_s: f64 = 1.5,
+        /// See `alone_s`.
+        pub alone_factor: f64 = 2.5,
         /// Frames before and after it that count.
         pub frames: usize = 4,
     }

@@ -23,7 +23,7 @@ mod times;
 mod trunk;
 mod unseen;
 
-use self::lift::{Lift, LiftHabit, bearing_share, lift};
+use self::lift::{Lift, LiftHabit, Strikes, bearing_share, lift};
 use self::rhythm::{Step, rhythm};
 use self::strike::{Strike, StrikeHabit, strike};
 pub use self::trunk::RigHeights;
@@ -54,10 +54,11 @@ pub fn contacts(
     let generic = LiftHabit::generic(config);
     let lifts = |strikes: &[Vec<Strike>; 2], habit: &LiftHabit| {
         [0, 1].map(|side| {
-            let (foot, own, other) = (&feet[side], &strikes[side], &strikes[1 - side]);
+            let foot = &feet[side];
+            let strikes = Strikes::new(&strikes[side], &strikes[1 - side]);
             let lift = |k: usize| {
                 let unseen = unseen.after(foot, k);
-                lift(foot, k, [own, other], unseen, habit, config)
+                lift(foot, k, strikes, unseen, habit, config)
             };
             (0..foot.stances.len()).map(lift).collect::<Vec<_>>()
         })
@@ -159,12 +160,12 @@ fn steps(foot: &FootStances<'_>, unseen: &Unseen, strikes: &[Strike], side: usiz
 fn before_lift(foot: &FootStances<'_>, index: usize, other: &[Lift]) -> Option<[f64; 2]> {
     let stance = &foot.stances[index];
     let [first_s, last_s] = stance.times_ns.map(seconds);
-    let seen = |lift: &&Lift| {
-        let toe_off = lift.toe_off;
-        let is_near = (first_s - 0.4..last_s.max(first_s + 0.2)).contains(&toe_off.time_s);
-        toe_off.is_seen && toe_off.sigma_s < SURE_S && is_near
-    };
-    let toe_off = other.iter().find(seen)?.toe_off;
+    let (from_s, to_s) = (first_s - 0.4, last_s.max(first_s + 0.2));
+    let near = other.partition_point(|lift| lift.toe_off.time_s < from_s);
+    let mut near = (other[near..].iter())
+        .map(|lift| lift.toe_off)
+        .take_while(|toe_off| toe_off.time_s < to_s);
+    let toe_off = near.find(|toe_off| toe_off.is_seen && toe_off.sigma_s < SURE_S)?;
     let next = foot.stances.get(index + 1);
     let next = next.filter(|next| seconds(next.times_ns[0]) - first_s < 2.0);
     let (stride_s, speed) = next.map_or((STRIDE_S, 1.2), |next| {

@@ -24,10 +24,20 @@ pub struct RestSample {
 /// A number and its standard deviation.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Estimate {
-    /// The number, in m or rad.
+    /// The number, in m, rad or s.
     pub value: f64,
     /// Its standard deviation.
     pub sigma: f64,
+}
+
+impl Estimate {
+    /// The same without a part that is known.
+    pub(crate) fn minus(self, part: f64) -> Self {
+        Self {
+            value: self.value - part,
+            ..self
+        }
+    }
 }
 
 /// Error of the placement of a tag, as far as the ground determines it.

@@ -1,7 +1,8 @@
 //! Jumps in positions of the rig themselves, where no foot at rest shows them.
 //!
 //! Contract: a person accelerates smoothly; a jump between two positions is two opposite
-//! accelerations one after the other. Positions at regular times only say something.
+//! accelerations one after the other. What recurs with the steps of a person who runs is none.
+//! Positions at regular times only say something.
 
 use nalgebra::Vector3;
 
@@ -26,10 +27,14 @@ pub fn steps(places: &[RigPlace], config: &JumpConfig) -> Vec<[f64; 2]> {
     };
     let least = (config.usual_steps * median).max(config.min_step_m);
     let mut found: Vec<[f64; 2]> = Vec::new();
-    for (own, size) in places.windows(4).zip(&sizes) {
+    for (k, (own, size)) in places.windows(4).zip(&sizes).enumerate() {
         let Some(size) = size.filter(|size| *size > least) else {
             continue;
         };
+        let largest = others(places, &sizes, k, config).fold(0.0, f64::max);
+        if size < config.alone_factor * largest {
+            continue;
+        }
         // The middle interval of the four; those beside it show the same jump.
         let [time_s, last_s] = [own[2].time_s, own[0].time_s];
         match found.last_mut() {
@@ -42,6 +47,21 @@ pub fn steps(places: &[RigPlace], config: &JumpConfig) -> Vec<[f64; 2]> {
         }
     }
     found
+}
+
+/// Sizes within a time before and after those of four positions, of positions that have none of
+/// these.
+fn others<'a>(
+    places: &'a [RigPlace],
+    sizes: &'a [Option<f64>],
+    k: usize,
+    config: &'a JumpConfig,
+) -> impl Iterator<Item = f64> + 'a {
+    let is_near =
+        move |other: &usize| (places[*other].time_s - places[k].time_s).abs() < config.alone_s;
+    let before = (0..(k + 1).saturating_sub(4)).rev().take_while(is_near);
+    let after = (k + 4..sizes.len()).take_while(is_near);
+    before.chain(after).filter_map(|other| sizes[other])
 }
 
 /// Size of a jump in the middle of four positions.
@@ -89,5 +109,21 @@ mod tests {
             assert!((found[0][1] - jump_m).abs() < 0.02, "{found:?}");
         }
         assert!(steps(&walk(0.2)[..3], &config).is_empty());
+    }
+
+    #[test]
+    fn jolts_of_a_run_after_a_walk_are_no_jumps() {
+        let mut places = walk(0.0);
+        for own in &mut places[160..] {
+            // Three strikes a second.
+            own.position[2] += 0.08 * libm::sin(std::f64::consts::TAU * 3.0 * own.time_s).abs();
+        }
+        let config = JumpConfig::default();
+        assert_eq!(steps(&places, &config), Vec::<[f64; 2]>::new());
+        for own in &mut places[200..] {
+            own.position[1] += 0.5;
+        }
+        let found = steps(&places, &config);
+        assert_eq!(found.len(), 1, "{found:?}");
     }
 }

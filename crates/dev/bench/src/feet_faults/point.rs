@@ -3,7 +3,7 @@
 use serde::Serialize;
 
 use super::faults::SWEEPS;
-use super::outcome::{FootScores, Outcome, outcome};
+use super::outcome::{Clean, FootScores, Outcome, outcome};
 use super::stages::Found;
 use super::walks::{WALKS, Walk};
 
@@ -47,7 +47,7 @@ pub(super) fn point(
     seconds: f64,
     feet: &[FootScores; 2],
     found: Found,
-    (clean, is_same_walk): (&[FootScores; 2], bool),
+    (clean, is_same_walk): (&Clean, bool),
 ) -> Point {
     Point {
         walk: walk.name,

@@ -30,6 +30,10 @@ fn faults_of_a_short_walk_are_not_silent() {
     }
     for faulty in [inputs.edited(Edit::BlackEye, 1.0).unwrap(), covered] {
         let (scores, found) = scored(&faulty);
+        let clean = Clean {
+            feet: clean.clone(),
+            losses: Vec::new(),
+        };
         let outcome = outcome(&scores, &clean, true, &found.losses);
         assert_eq!(outcome, Outcome::Flagged, "{:?}: {scores:?}", found.losses);
     }

@@ -149,11 +149,39 @@ fn unseen_lift(foot: &FootStances<'_>, index: usize, [_, until_s]: [f64; 2]) -> 
     }
 }
 
+/// Strikes of a foot and of the other one, in order of time.
+#[derive(Clone, Copy)]
+pub(super) struct Strikes<'a> {
+    own: &'a [Strike],
+    other: &'a [Strike],
+    /// Median stride of the foot, s.
+    usual_stride_s: Option<f64>,
+}
+
+impl<'a> Strikes<'a> {
+    pub(super) fn new(own: &'a [Strike], other: &'a [Strike]) -> Self {
+        let usual_stride_s = usual_stride_s(own);
+        Self {
+            own,
+            other,
+            usual_stride_s,
+        }
+    }
+
+    /// The next one of the other foot.
+    fn next_of_other(&self, time_s: f64) -> Option<Event> {
+        let next = self
+            .other
+            .partition_point(|other| other.heel_strike.time_s <= time_s);
+        self.other.get(next).map(|other| other.heel_strike)
+    }
+}
+
 /// Heel off and toe off of a stance, and when after it no frame shows a foot.
 pub(super) fn lift(
     foot: &FootStances<'_>,
     index: usize,
-    [own, other]: [&[Strike]; 2],
+    strikes: Strikes<'_>,
     unseen: Option<[f64; 2]>,
     habit: &LiftHabit,
     config: &EventConfig,
@@ -163,7 +191,7 @@ pub(super) fn lift(
     if let Some(unseen) = unseen {
         return unseen_lift(foot, index, unseen);
     }
-    let expected = expected(foot, index, own, other, habit);
+    let expected = expected(foot, index, strikes, habit);
     let frames = leaving(foot, stance, expected.latest_s);
     // Frames before that only say that it is later, which is not typical of a wearer.
     let shown = |event_s: f64| {
@@ -209,7 +237,7 @@ pub(super) fn lift(
         heel_off: event(heel_off, lifting.iter().any(|own| own.time_s > last_s)),
         toe_off: event(toe_off, shown(toe_off[0])),
         shares: expected.usual_toe_off_s.map(|usual_s| {
-            let lifted_s = heel_off[0] - own[index].heel_strike.time_s;
+            let lifted_s = heel_off[0] - strikes.own[index].heel_strike.time_s;
             [(toe_off[0] - usual_s) / stride_s, lifted_s / stride_s]
         }),
         stride_s,
@@ -219,10 +247,10 @@ pub(super) fn lift(
 fn expected(
     foot: &FootStances<'_>,
     index: usize,
-    own: &[Strike],
-    other: &[Strike],
+    strikes: Strikes<'_>,
     habit: &LiftHabit,
 ) -> Expected {
+    let own = strikes.own;
     let stance = &foot.stances[index];
     let (strike, last_s) = (own[index].heel_strike, seconds(stance.times_ns[1]));
     let next = own.get(index + 1).map(|next| next.heel_strike);
@@ -234,23 +262,19 @@ fn expected(
         step.norm() / (next.time_s - strike.time_s).max(0.1)
     });
     let latest_s = next.map_or(f64::INFINITY, |next| next.time_s - MIN_SWING_S);
-    let of_other = other.iter().map(|other| other.heel_strike);
-    let mut of_other = of_other.filter(|other| other.time_s > strike.time_s);
     let [[later, later_sigma], [lift_share, lift_sigma]] = habit.shares;
     let usual_share = bearing_share(speed.unwrap_or(1.2));
     let share = usual_share + later;
-    let is_regular =
-        stride_s
-            .zip(speed)
-            .zip(usual_stride_s(own))
-            .is_some_and(|((stride_s, speed), usual_s)| {
-                (stride_s / usual_s - 1.0).abs() < MAX_STRIDE_CHANGE && speed > MIN_SPEED
-            });
+    let is_regular = stride_s.zip(speed).zip(strikes.usual_stride_s).is_some_and(
+        |((stride_s, speed), usual_s)| {
+            (stride_s / usual_s - 1.0).abs() < MAX_STRIDE_CHANGE && speed > MIN_SPEED
+        },
+    );
     let later_sigma = match is_regular {
         true => later_sigma,
         false => later_sigma.hypot(IRREGULAR_SHARE),
     };
-    let (toe_off, usual_toe_off_s) = match (stride_s, of_other.next()) {
+    let (toe_off, usual_toe_off_s) = match (stride_s, strikes.next_of_other(strike.time_s)) {
         (Some(stride_s), Some(other))
             if other.time_s < latest_s && other.time_s < last_s + MAX_OTHER_S =>
         {

@@ -148,7 +148,7 @@ pub(super) fn report_drift(
     detections: &[TagDetection],
 ) {
     let config = ClockConfig::default();
-    let cameras = 0..rig.cameras.len();
+    let cameras = (0..rig.cameras.len()).filter(|camera| shows_tags(detections, *camera));
     let frames = cameras.flat_map(|camera| rest_frames(rig, trajectory, detections, camera));
     let Some(drift) = pose_drift(&frames.collect::<Vec<_>>(), &config) else {
         return;
@@ -177,6 +177,9 @@ pub(super) fn on_one_clock(
     let config = ClockConfig::default();
     let mut moved = detections.to_vec();
     for (camera, name) in rig.cameras.iter().map(|own| &own.name).enumerate() {
+        if !shows_tags(detections, camera) {
+            continue;
+        }
         let mut late_s = first_guess(rig, trajectory, detections, camera);
         let mut known = None;
         move_times(&mut moved, detections, camera, late_s);
@@ -205,6 +208,11 @@ pub(super) fn on_one_clock(
         ));
     }
     moved
+}
+
+fn shows_tags(detections: &[TagDetection], camera: usize) -> bool {
+    let mut cameras = detections.iter().map(|own| usize::from(own.camera));
+    cameras.any(|own| own == camera)
 }
 
 /// The error of a clock with which a camera shows feet at rest most often, s; none if it does so
@@ -257,17 +265,23 @@ fn rest_frames(
         .into_iter()
         .zip(observed(rig, trajectory, detections))
     {
-        let tags = shoe(rig, foot).map_or(&[][..], |shoe| &shoe.tags[..]);
-        for stance in stances(&observed, &config.stance) {
-            for tag in tags {
-                let [from, to] = stance.times_ns;
-                let own = detections.iter().filter(|own| {
-                    usize::from(own.camera) == camera
-                        && own.tag == u64::from(tag.id)
-                        && (from..=to).contains(&own.time_ns)
-                });
-                found.push(own.filter_map(|own| rest_frame(trajectory, own)).collect());
-            }
+        let stances = stances(&observed, &config.stance);
+        for tag in shoe(rig, foot).map_or(&[][..], |shoe| &shoe.tags[..]) {
+            // Those of one camera are in order of time, whatever its clock says.
+            let own = detections
+                .iter()
+                .filter(|own| usize::from(own.camera) == camera && own.tag == u64::from(tag.id));
+            let own: Vec<&TagDetection> = own.collect();
+            let of_stance = |stance: &Stance| {
+                let [from_ns, to_ns] = stance.times_ns;
+                let first = own.partition_point(|own| own.time_ns < from_ns);
+                let end = own.partition_point(|own| own.time_ns <= to_ns);
+                let frames = own[first..end.max(first)].iter();
+                frames
+                    .filter_map(|own| rest_frame(trajectory, own))
+                    .collect()
+            };
+            found.extend(stances.iter().map(of_stance));
         }
     }
     found

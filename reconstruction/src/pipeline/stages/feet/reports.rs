@@ -93,9 +93,9 @@ pub(super) fn report_unseen(work: &Findings, known: &[FootContacts<'_>; 2]) {
     let gaps: Vec<(f64, f64)> = pairs.filter(|(_, s)| *s > MAX_UNSEEN_S).collect();
     if let Some((at_s, longest_s)) = gaps.iter().copied().max_by(|a, b| a.1.total_cmp(&b.1)) {
         work.record_loss(format!(
-            "in {} times no frame shows a foot, or the pose of the rig is unknown, for {:.1} s in \
-             total, the longest from {at_s:.3} s of the clock on for {longest_s:.1} s: contacts in \
-             them are missing, and events beside them are uncertain",
+            "intervals in which no frame shows a foot, or the pose of the rig is unknown: {}, {:.1} \
+             s in total, the longest from {at_s:.3} s of the clock on for {longest_s:.1} s; contacts \
+             in them are missing, and events beside them are uncertain",
             gaps.len(),
             gaps.iter().map(|own| own.1).sum::<f64>()
         ));
