@@ -77,8 +77,8 @@ config! {
         pub place_sigma_m: f64 = 0.002,
         /// Largest standard deviation by that alone with which an error is known, s.
         pub max_sigma_s: f64 = 0.003,
-        /// Usual error by soles that roll, and its standard deviation from walk to walk, s: mean and
-        /// scatter of fifteen walks that this was developed with.
+        /// Usual error by soles that roll, and its standard deviation from walk to walk, s: of the
+        /// fifteen walks that this was developed with.
         pub roll_s: [f64; 2] = [0.0015, 0.001],
         /// Standard deviations from which on an error is one, and its least size, s.
         pub min_sigmas: f64 = 4.0,
@@ -88,8 +88,8 @@ config! {
         pub min_drift: f64 = 0.006,
         /// Standard deviations from which on it is one.
         pub min_drift_sigmas: f64 = 3.0,
-        /// Usual ratio by soles that roll, and its standard deviation from walk to walk, of the same
-        /// walks; it is larger on stairs.
+        /// Usual ratio by soles that roll, and its standard deviation from walk to walk, of the
+        /// same walks; larger on stairs.
         pub roll_drift: [f64; 2] = [0.003, 0.002],
         /// Share of the frames of feet at rest below which errors are tried with which they might
         /// rest more often.

@@ -8,20 +8,18 @@
 //! the toe, y to the left, z up from the sole. Nothing here knows sessions, files or images other
 //! than gray ones.
 
-pub mod camera_clock;
 pub mod causal;
+pub mod checks;
 mod config;
 mod contact;
 mod deviation;
 pub mod events;
 mod eye_agreement;
-pub mod jump;
 pub mod observation;
 mod poses;
 mod prediction;
 mod repeated_image;
 pub mod shoe;
-pub mod slide;
 pub mod stance;
 pub mod swing;
 pub mod swing_habit;
@@ -30,7 +28,6 @@ pub mod tag_tracker;
 #[cfg(test)]
 mod test_noise;
 pub mod track;
-pub mod trajectory_step;
 
 pub use config::{
     ClockConfig, Config, EventConfig, FootConfig, GaitConfig, JumpConfig, PlacementConfig,

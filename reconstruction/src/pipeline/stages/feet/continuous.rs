@@ -1,7 +1,7 @@
 //! A trajectory without its jumps, and transforms from places by it to those with them.
 
+use ::feet::checks::jump::Jump;
 use ::feet::events::Contact;
-use ::feet::jump::Jump;
 use cad_transforms::RigidTransform;
 use nalgebra::Vector3;
 use scene_bundle::{Pose, Trajectory};

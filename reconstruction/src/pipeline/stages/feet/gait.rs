@@ -4,12 +4,12 @@
 //! rig's poses break contacts in two. Both are found by feet at rest, reported as losses, and taken
 //! out; poses are those in the world of the trajectory all the same.
 
-use ::feet::camera_clock::{RestFrame, clock_error, pose_drift};
+use ::feet::checks::camera_clock::{RestFrame, clock_error, pose_drift};
+use ::feet::checks::jump::jumps;
+use ::feet::checks::trajectory_step::{RigPlace, steps};
 use ::feet::events::{Contact, FootStances, RigHeights, contacts};
-use ::feet::jump::jumps;
 use ::feet::observation::{FootCandidates, TagPose, foot_candidates, foot_observations};
 use ::feet::stance::{FootObservation, Stance, stances};
-use ::feet::trajectory_step::{RigPlace, steps};
 use ::feet::{ClockConfig, FootConfig, GaitConfig, JumpConfig};
 use cad_transforms::rig::Foot;
 use nalgebra::Vector3;

@@ -1,7 +1,7 @@
 //! What the stage reports of feet.
 
+use ::feet::checks::slide::slides;
 use ::feet::events::Contact;
-use ::feet::slide::slides;
 use ::feet::swing::SoleEdges;
 use ::feet::track::FootContacts;
 use ::feet::{FootConfig, SlideConfig};
