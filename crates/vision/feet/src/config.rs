@@ -85,12 +85,12 @@ config! {
         /// See `min_sigmas`.
         pub min_error_s: f64 = 0.002,
         /// Least ratio of the motion of feet at rest to that of the rig by which poses drift.
-        pub min_drift: f64 = 0.006,
+        pub min_drift: f64 = 0.004,
         /// Standard deviations from which on it is one.
         pub min_drift_sigmas: f64 = 3.0,
-        /// Usual ratio by soles that roll, and its standard deviation from walk to walk, of the
-        /// same walks; larger on stairs.
-        pub roll_drift: [f64; 2] = [0.003, 0.002],
+        /// Usual ratio by soles that roll on level ground, and its standard deviation from walk to
+        /// walk, of twelve of these.
+        pub roll_drift: [f64; 2] = [0.002, 0.001],
         /// Share of the frames of feet at rest below which errors are tried with which they might
         /// rest more often.
         pub usual_rest_share: f64 = 0.45,

@@ -149,7 +149,8 @@ pub(super) fn report_drift(
 ) {
     let config = ClockConfig::default();
     let cameras = (0..rig.cameras.len()).filter(|camera| shows_tags(detections, *camera));
-    let frames = cameras.flat_map(|camera| rest_frames(rig, trajectory, detections, camera));
+    let frames =
+        cameras.flat_map(|camera| rest_frames(rig, trajectory, detections, camera, is_level));
     let Some(drift) = pose_drift(&frames.collect::<Vec<_>>(), &config) else {
         return;
     };
@@ -184,7 +185,8 @@ pub(super) fn on_one_clock(
         let mut known = None;
         move_times(&mut moved, detections, camera, late_s);
         for _ in 0..ROUNDS {
-            let Some(error) = clock_error(&rest_frames(rig, trajectory, &moved, camera), &config)
+            let Some(error) =
+                clock_error(&rest_frames(rig, trajectory, &moved, camera, any), &config)
             else {
                 break;
             };
@@ -229,7 +231,7 @@ fn first_guess(
     let count = detections.iter().filter(of_camera).count();
     let mut at_rest = |late_s: f64| {
         move_times(&mut moved, detections, camera, late_s);
-        let frames = rest_frames(rig, trajectory, &moved, camera);
+        let frames = rest_frames(rig, trajectory, &moved, camera, any);
         frames.iter().map(Vec::len).sum::<usize>()
     };
     let without = at_rest(0.0);
@@ -252,12 +254,31 @@ fn move_times(moved: &mut [TagDetection], detections: &[TagDetection], camera: u
     }
 }
 
-/// Where a camera shows the tags of feet at rest, by stance and tag.
+/// Largest height from a stance to those of the same foot before and after it on level ground, m.
+const LEVEL_M: f64 = 0.08;
+
+/// Whether a stance, by its place among all of its foot, is on level ground: on stairs soles roll
+/// more.
+fn is_level(all: &[Stance], index: usize) -> bool {
+    let height = |stance: &Stance| stance.world_from_foot.translation().z;
+    let own = height(&all[index]);
+    let beside = &all[index.saturating_sub(1)..(index + 2).min(all.len())];
+    beside
+        .iter()
+        .all(|other| (height(other) - own).abs() < LEVEL_M)
+}
+
+fn any(_: &[Stance], _: usize) -> bool {
+    true
+}
+
+/// Where a camera shows the tags of feet at rest, by stance and tag, in stances that count.
 fn rest_frames(
     rig: &RigModel,
     trajectory: &Trajectory,
     detections: &[TagDetection],
     camera: usize,
+    counts: fn(&[Stance], usize) -> bool,
 ) -> Vec<Vec<RestFrame>> {
     let config = GaitConfig::default();
     let mut found = Vec::new();
@@ -281,7 +302,8 @@ fn rest_frames(
                     .filter_map(|own| rest_frame(trajectory, own))
                     .collect()
             };
-            found.extend(stances.iter().map(of_stance));
+            let that_count = (0..stances.len()).filter(|k| counts(&stances, *k));
+            found.extend(that_count.map(|k| of_stance(&stances[k])));
         }
     }
     found
