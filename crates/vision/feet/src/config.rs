@@ -157,14 +157,18 @@ config! {
         /// What a speed of the tag adds to that, rad per m/s.
         pub level_sigma_per_speed: f64 = 0.3,
         /// Pitch of a foot that approaches its strike, toe up, and its standard deviation, rad.
-        pub approach_pitch: [f64; 2] = [0.2, 0.2],
+        pub approach_pitch: [f64; 2] = [0.2, 0.15],
+        /// Time from a frame to a foot's rest in which it approaches its strike, s.
+        pub landing_s: f64 = 0.3,
+        /// Largest slope of a path, as a ratio, that widens these tilts: treads of stairs are level.
+        pub max_slope: f64 = 0.3,
         /// Time between frames of one approach, and of a speed, s.
         pub max_approach_s: f64 = 0.2,
         /// Speed of the tag of a foot at rest, m/s.
         pub rest_speed: f64 = 0.2,
         /// Excess of the cost of a second pose that is as improbable as one standard deviation of
         /// that tilt: neighboring pixels share their errors.
-        pub excess_per_square: f64 = 6.0,
+        pub excess_per_square: f64 = 9.0,
         /// Errors of poses of tags relative to their stated sigmas: errors of lenses, blur and tone
         /// are not in these.
         pub sigma_factor: f64 = 1.8,
