@@ -40,6 +40,9 @@ const MAX_LOG: f64 = 4.5;
 const MAX_TOE_M: f64 = 0.3;
 /// Error of a time besides those of frames: feet lift in other ways than this model's, s.
 const MODEL_SIGMA_S: f64 = 0.008;
+/// Error of the time at which the heel lifts, relative to that of the toe: frames after the toe has
+/// left do not show how the heel lifts.
+const HEEL_SHARE: f64 = 0.5;
 /// Pitch relative to the stance from which on a foot does not lift over its toe, rad.
 const MAX_PITCH: f64 = 0.1;
 /// Time from the last frame at rest until the toe leaves the ground where no other foot and no next
@@ -66,8 +69,8 @@ pub(super) struct Lift {
     pub(super) heel_off: Event,
     pub(super) toe_off: Event,
     /// Share of the stride by which the toe leaves later than that of people, and share after which
-    /// the heel lifts, where the stride is known.
-    shares: Option<[f64; 2]>,
+    /// the heel lifts, where the stride is known, with standard deviations by frames alone.
+    shares: Option<[[f64; 2]; 2]>,
     stride_s: f64,
 }
 
@@ -99,10 +102,9 @@ impl LiftHabit {
             let [mean, people, steps] = usual[k];
             let estimates = lifts.clone().filter_map(|own| {
                 let event = [own.toe_off, own.heel_off][k];
-                let shares = own
-                    .shares
-                    .filter(|_| event.is_seen && event.sigma_s < SURE_S)?;
-                without_prior([shares[k], event.sigma_s / own.stride_s], self.shares[k])
+                let [share, sigma] = own.shares?[k];
+                let is_sure = event.is_seen && sigma * own.stride_s < SURE_S;
+                without_prior([share, sigma], self.shares[k]).filter(|_| is_sure)
             });
             let [own, sigma] = typical([mean, people], steps, estimates);
             // Nobody differs by more: other estimates are of frames that show something else.
@@ -234,11 +236,15 @@ pub(super) fn lift(
     };
     let stride_s = expected.stride_s.unwrap_or(1.0);
     Lift {
-        heel_off: event(heel_off, lifting.iter().any(|own| own.time_s > last_s)),
+        heel_off: event(
+            [heel_off[0], heel_off[1].hypot(HEEL_SHARE * toe_off[1])],
+            lifting.iter().any(|own| own.time_s > last_s),
+        ),
         toe_off: event(toe_off, shown(toe_off[0])),
         shares: expected.usual_toe_off_s.map(|usual_s| {
             let lifted_s = heel_off[0] - strikes.own[index].heel_strike.time_s;
-            [(toe_off[0] - usual_s) / stride_s, lifted_s / stride_s]
+            let later_s = toe_off[0] - usual_s;
+            [[later_s, toe_off[1]], [lifted_s, heel_off[1]]].map(|own| own.map(|s| s / stride_s))
         }),
         stride_s,
     }
