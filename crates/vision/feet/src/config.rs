@@ -226,6 +226,10 @@ config! {
         pub usual_height_sigma_m: f64 = 0.005,
         /// Likewise of its tilt, rad.
         pub usual_tilt_sigma_rad: f64 = 0.05,
+        /// Likewise of its place along and across the sole, m.
+        pub usual_along_sigma_m: f64 = 0.003,
+        /// Likewise of its heading, rad.
+        pub usual_heading_sigma_rad: f64 = 0.03,
     }
 
     /// Configuration of contacts and swings.

@@ -49,6 +49,22 @@ pub struct FootStances<'a> {
     pub sole: SoleEdges,
 }
 
+/// Time between two stances of a foot in which it cannot swing, s.
+const NO_SWING_S: f64 = 0.18;
+/// Standard deviation of the times at which a foot lifts and strikes that is displaced without a
+/// swing, s: it does neither.
+pub(crate) const DISPLACED_SIGMA_S: f64 = 0.3;
+
+impl FootStances<'_> {
+    /// Whether a foot is displaced after a stance without a swing: it slides, or its tag slips.
+    pub(crate) fn is_displaced_after(&self, index: usize) -> bool {
+        let pair = self.stances.get(index..index + 2);
+        pair.is_some_and(|pair| {
+            seconds(pair[1].times_ns[0]) - seconds(pair[0].times_ns[1]) < NO_SWING_S
+        })
+    }
+}
+
 /// What is known of one foot.
 #[derive(Clone, Copy, Debug)]
 pub struct FootContacts<'a> {

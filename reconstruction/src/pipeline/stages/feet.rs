@@ -174,7 +174,6 @@ pub fn feet(
         for (foot, known) in Foot::ALL.into_iter().zip(&known) {
             let found = foot_poses(known, &habit, &times, &config.swing);
             let rigs = trajectory.poses().iter();
-            let of_rig = |(rig, own): (&Pose, track::FootPose)| foot_pose(foot, rig, &own);
             poses.extend(rigs.clone().zip(found).map(|(rig, mut own)| {
                 own.world_from_foot = continuous.back(own.time_ns) * own.world_from_foot;
                 foot_pose(foot, rig, &own)
@@ -182,13 +181,17 @@ pub fn feet(
             let until_then = candidates(foot, &rig, trajectory, detections);
             let until_then = causal_observations(until_then, &FootConfig::default());
             let found = causal_poses(&until_then, &times, &config);
-            causal.extend(rigs.zip(found).map(of_rig));
+            let uncertain = &placements.uncertain[usize::from(foot == Foot::Right)];
+            causal.extend(rigs.zip(found).map(|(rig, mut own)| {
+                own.covariance = own.covariance.map(|by_frames| by_frames.plus(uncertain));
+                foot_pose(foot, rig, &own)
+            }));
         }
         report(work, &contacts, &poses);
         for (foot, known) in Foot::ALL.into_iter().zip(&known) {
             report_restless(work, foot, known);
-            report_slides(work, foot, known);
         }
+        report_slides(work, &known);
         report_unseen(work, &known);
         for (foot, sole) in Foot::ALL.into_iter().zip(&soles) {
             report_sole(work, foot, sole);

@@ -16,7 +16,7 @@ use super::distance::distance;
 use super::strike::Strike;
 use super::times::{Habit, Row, STEP_S, fit, log_normal, moments, typical, weights, without_prior};
 use crate::config::EventConfig;
-use crate::contact::{Event, FootStances, seconds};
+use crate::contact::{DISPLACED_SIGMA_S, Event, FootStances, seconds};
 use crate::poses::motion;
 use crate::stance::Stance;
 
@@ -151,6 +151,22 @@ fn unseen_lift(foot: &FootStances<'_>, index: usize, [_, until_s]: [f64; 2]) -> 
     }
 }
 
+/// Heel off and toe off of a stance after which the foot is displaced without a swing: there are
+/// none.
+fn unknown(last_s: f64) -> Lift {
+    let event = Event {
+        time_s: last_s,
+        sigma_s: DISPLACED_SIGMA_S,
+        is_seen: false,
+    };
+    Lift {
+        heel_off: event,
+        toe_off: event,
+        shares: None,
+        stride_s: 1.0,
+    }
+}
+
 /// Strikes of a foot and of the other one, in order of time.
 #[derive(Clone, Copy)]
 pub(super) struct Strikes<'a> {
@@ -192,6 +208,9 @@ pub(super) fn lift(
     let last_s = seconds(stance.times_ns[1]);
     if let Some(unseen) = unseen {
         return unseen_lift(foot, index, unseen);
+    }
+    if foot.is_displaced_after(index) {
+        return unknown(last_s);
     }
     let expected = expected(foot, index, strikes, habit);
     let frames = leaving(foot, stance, expected.latest_s);

@@ -12,7 +12,7 @@ use super::times::{
     Habit, Motion, Row, STEP_S, fit, log_normal, moments, typical, weights, without_prior,
 };
 use crate::config::EventConfig;
-use crate::contact::{Event, FootStances, seconds};
+use crate::contact::{DISPLACED_SIGMA_S, Event, FootStances, seconds};
 use crate::poses::motion;
 use crate::stance::Stance;
 
@@ -131,6 +131,12 @@ pub(super) fn strike(
     let approach = approach(foot, stance, (last_s, first_s), config);
     let is_seen = approach.iter().any(|own| own.time_s < first_s);
     let [roll_s, roll_sigma_s] = habit.roll_s;
+    let is_displaced = index
+        .checked_sub(1)
+        .is_some_and(|previous| foot.is_displaced_after(previous));
+    if is_displaced {
+        return unknown(first_s, roll_s, DISPLACED_SIGMA_S);
+    }
     // A foot may be hidden at rest for longer than its approach takes.
     let reach_s = match is_seen {
         true => config.max_approach_s,
@@ -161,7 +167,7 @@ pub(super) fn strike(
     }
     let logs: Vec<f64> = cases.iter().map(|own| own.3).collect();
     let Some(weights) = weights(&logs) else {
-        return unknown(first_s, roll_s);
+        return unknown(first_s, roll_s, roll_s);
     };
     let model_sigma_s = match speed(foot, index) > RUN_SPEED {
         true => RUN_SIGMA_S,
@@ -203,10 +209,10 @@ fn speed(foot: &FootStances<'_>, index: usize) -> f64 {
     speeds.fold(0.0, f64::max)
 }
 
-fn unknown(first_s: f64, roll_s: f64) -> Strike {
+fn unknown(first_s: f64, roll_s: f64, sigma_s: f64) -> Strike {
     let event = |time_s| Event {
         time_s,
-        sigma_s: roll_s,
+        sigma_s,
         is_seen: false,
     };
     Strike {

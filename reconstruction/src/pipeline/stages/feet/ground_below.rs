@@ -177,15 +177,33 @@ pub(super) fn places(contacts: &[Contact]) -> Vec<RestPlace> {
     contacts.iter().map(place).collect()
 }
 
-/// Standard deviations of the height and the tilt of a tag that the rig file states, or usual ones.
-fn tolerance(tag: &RigShoeTag, config: &PlacementConfig) -> [f64; 2] {
-    let sigmas = tag
-        .foot_from_tag_covariance
-        .map(|covariance| covariance.sigmas());
-    [
-        sigmas.map_or(config.usual_height_sigma_m, |s| s[2]),
-        sigmas.map_or(config.usual_tilt_sigma_rad, |s| s[3].max(s[4])),
-    ]
+/// Standard deviations of the placement of a tag on its shoe.
+struct Tolerance {
+    /// Along and across the sole, m.
+    along_m: f64,
+    height_m: f64,
+    tilt_rad: f64,
+    heading_rad: f64,
+}
+
+impl Tolerance {
+    /// Those that the rig file states, or usual ones.
+    fn of(tag: &RigShoeTag, config: &PlacementConfig) -> Self {
+        match tag.foot_from_tag_covariance.map(|own| own.sigmas()) {
+            Some([x, y, z, roll, pitch, yaw]) => Self {
+                along_m: x.max(y),
+                height_m: z,
+                tilt_rad: roll.max(pitch),
+                heading_rad: yaw,
+            },
+            None => Self {
+                along_m: config.usual_along_sigma_m,
+                height_m: config.usual_height_sigma_m,
+                tilt_rad: config.usual_tilt_sigma_rad,
+                heading_rad: config.usual_heading_sigma_rad,
+            },
+        }
+    }
 }
 
 /// What is uncertain of a foot's pose, in its own axes, by the placement of its tag: the tolerance,
@@ -195,16 +213,19 @@ pub(super) fn remaining(
     error: &PlacementError,
     config: &PlacementConfig,
 ) -> Covariance {
-    let [height, tilt] = tolerance(tag, config);
+    let tolerance = Tolerance::of(tag, config);
     let after = |own: Option<Estimate>, prior: f64| match own {
         Some(Estimate { sigma, .. }) => prior * sigma / prior.hypot(sigma).max(f64::MIN_POSITIVE),
         None => prior,
     };
-    let [roll, pitch] = error.tilt_rad.map(|own| after(own, tilt));
-    let height = after(error.height_m, height);
-    // The tag is where it is: the foot tilts about it.
+    let [roll, pitch] = error.tilt_rad.map(|own| after(own, tolerance.tilt_rad));
+    let height = after(error.height_m, tolerance.height_m);
+    // The foot turns about the tag.
     let at_tag = RigidTransform::from_translation_m(tag.foot_from_tag.translation_m());
-    let sigmas = Covariance::from_sigmas([0.0, 0.0, height], [roll, pitch, 0.0]);
+    let sigmas = Covariance::from_sigmas(
+        [tolerance.along_m, tolerance.along_m, height],
+        [roll, pitch, tolerance.heading_rad],
+    );
     match (at_tag, sigmas) {
         (Ok(foot_from_tag_axes), Ok(sigmas)) => sigmas.moved(&foot_from_tag_axes),
         _ => Covariance::zero(),
@@ -218,7 +239,7 @@ pub(super) fn corrected(
     error: &PlacementError,
     config: &PlacementConfig,
 ) -> (RigidTransform, bool) {
-    let [height_sigma, tilt_sigma] = tolerance(tag, config);
+    let tolerance = Tolerance::of(tag, config);
     let mut contradicts = false;
     let mut posterior = |estimate: Option<Estimate>, prior: f64| {
         let Some(Estimate { value, sigma }) = estimate else {
@@ -231,8 +252,8 @@ pub(super) fn corrected(
             false => 0.0,
         }
     };
-    let [roll, pitch] = error.tilt_rad.map(|own| posterior(own, tilt_sigma));
-    let height = posterior(error.height_m, height_sigma);
+    let [roll, pitch] = error.tilt_rad.map(|own| posterior(own, tolerance.tilt_rad));
+    let height = posterior(error.height_m, tolerance.height_m);
     // The tag is where it is along and across the sole; tilt and height are those of the sole.
     let turn = RigidTransform::from_rotation_vector([roll, pitch, 0.0], [0.0; 3]);
     let turn = turn.unwrap_or_else(|_| RigidTransform::identity());

@@ -50,19 +50,19 @@ pub(super) fn report_restless(work: &Findings, foot: Foot, known: &FootContacts<
     }
 }
 
-/// Reports a foot that slides before it rests: its heel strikes are taken for later than they are.
-pub(super) fn report_slides(work: &Findings, foot: Foot, known: &FootContacts<'_>) {
+/// Reports feet that slide before they rest: their heel strikes are taken for later than they are,
+/// and ground on which some steps slide may be slippery for all.
+pub(super) fn report_slides(work: &Findings, known: &[FootContacts<'_>; 2]) {
     let config = SlideConfig::default();
-    let slides = slides(known, &config);
-    let least = config.min_contacts.min(known.contacts.len()).max(1);
-    if slides.len() >= least {
-        let longest_m = slides.iter().copied().fold(0.0, f64::max);
+    let of_feet = known.iter().flat_map(|foot| slides(foot, &config));
+    let lengths_m: Vec<f64> = of_feet.collect();
+    let contacts: usize = known.iter().map(|foot| foot.contacts.len()).sum();
+    if lengths_m.len() >= config.min_contacts.min(contacts).max(1) {
+        let longest_m = lengths_m.iter().copied().fold(0.0, f64::max);
         work.record_loss(format!(
-            "{}: in {} of {} contacts it slides flat on the ground before it rests, by up to {:.0} \
-             mm: heel strikes and times at which it is flat are those of the end of that",
-            foot.as_str(),
-            slides.len(),
-            known.contacts.len(),
+            "in {} of {contacts} contacts feet slide flat on the ground before they rest, by up to \
+             {:.0} mm: heel strikes and times at which they are flat are those of the end of that",
+            lengths_m.len(),
             1e3 * longest_m
         ));
     }

@@ -178,12 +178,13 @@ fn the_tolerance_of_a_tag_remains_where_the_ground_says_nothing() {
     };
     let config = PlacementConfig::default();
     let sigmas = remaining(&tag, &PlacementError::default(), &config).sigmas();
-    // By its height, and by the tilt about the tag.
-    let height = config
-        .usual_height_sigma_m
-        .hypot(0.05 * config.usual_tilt_sigma_rad);
+    // By its place, and by the tilt about the tag.
+    let tilted = |lever_m: f64| lever_m * config.usual_tilt_sigma_rad;
+    let height = config.usual_height_sigma_m.hypot(tilted(0.05));
+    let along = config.usual_along_sigma_m.hypot(tilted(0.08));
     assert!((sigmas[2] - height).abs() < 1e-9, "{sigmas:?}");
-    assert!((sigmas[0] - 0.08 * config.usual_tilt_sigma_rad).abs() < 1e-9);
+    assert!((sigmas[0] - along).abs() < 1e-9, "{sigmas:?}");
+    assert!((sigmas[5] - config.usual_heading_sigma_rad).abs() < 1e-9);
     let known = PlacementError {
         height_m: Some(Estimate {
             value: 0.0,
