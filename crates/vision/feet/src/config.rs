@@ -81,7 +81,7 @@ config! {
         /// fifteen walks that this was developed with.
         pub roll_s: [f64; 2] = [0.0015, 0.001],
         /// Standard deviations from which on an error is one, and its least size, s.
-        pub min_sigmas: f64 = 4.0,
+        pub min_sigmas: f64 = 3.0,
         /// See `min_sigmas`.
         pub min_error_s: f64 = 0.002,
         /// Least ratio of the motion of feet at rest to that of the rig by which poses drift.
