@@ -336,3 +336,11 @@ config! {
         pub toe_acceleration: [f64; 2] = [25.0, 12.0],
     }
 }
+
+impl ClockConfig {
+    /// Whether a clock is late by this time with this standard deviation, s.
+    pub fn is_error(&self, late_s: f64, sigma_s: f64) -> bool {
+        let least_s = (self.min_sigmas * sigma_s).max(self.min_error_s);
+        (least_s..=self.max_error_s).contains(&late_s.abs())
+    }
+}

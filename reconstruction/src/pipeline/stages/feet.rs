@@ -29,8 +29,9 @@ use scene_bundle::{Pose, Status, Trajectory};
 use serde_json::{Value, json};
 
 use self::contact_views::{ContactViewConfig, Keyframes, contact_views};
-use self::gait::{Gait, candidates, on_one_clock, report_drift, without_jumps};
+use self::gait::{Gait, Observed, candidates};
 use self::ground_below::GroundBelowConfig;
+use self::inputs_check::{on_one_clock, report_drift, without_jumps};
 use self::placement::correct_placement;
 use self::reports::{report, report_restless, report_slides, report_sole, report_unseen};
 use super::depth_frames::{DepthFrame, instants};
@@ -42,6 +43,7 @@ mod contact_views;
 mod continuous;
 mod gait;
 mod ground_below;
+mod inputs_check;
 mod placement;
 mod reports;
 
@@ -127,18 +129,22 @@ pub fn feet(
     let mut rig = rig.clone();
     let config = GaitConfig::default();
     let soles = Foot::ALL.map(|foot| edges(&rig, foot));
-    let detections = &on_one_clock(work, &rig, trajectory, detections)[..];
-    let continuous = without_jumps(work, &rig, trajectory, detections);
-    report_drift(work, &rig, &continuous.trajectory, detections);
-    let of_rig = |rig: &RigModel| Gait::new(rig, &continuous.trajectory, detections);
-    let mut gait = of_rig(&rig);
+    let (detections, observed) = on_one_clock(work, &rig, trajectory, detections);
+    let continuous = without_jumps(work, trajectory, &observed);
+    let of_rig = |rig: &RigModel| Observed::new(rig, &continuous.trajectory, &detections);
+    let observed = match continuous.has_jumps() {
+        true => of_rig(&rig),
+        false => observed,
+    };
+    report_drift(work, &rig, &continuous.trajectory, &detections, &observed);
+    let mut gait = Gait::new(&rig, &continuous.trajectory, observed);
     let in_world = gait
         .contacts
         .each_ref()
         .map(|own| continuous.contacts_back(own));
     let placements = correct_placement(work, &mut rig, ground, &in_world);
     if placements.is_corrected {
-        gait = of_rig(&rig);
+        gait = Gait::new(&rig, &continuous.trajectory, of_rig(&rig));
     }
     let Gait {
         observed,
@@ -178,7 +184,7 @@ pub fn feet(
                 own.world_from_foot = continuous.back(own.time_ns) * own.world_from_foot;
                 foot_pose(foot, rig, &own)
             }));
-            let until_then = candidates(foot, &rig, trajectory, detections);
+            let until_then = candidates(foot, &rig, trajectory, &detections);
             let until_then = causal_observations(until_then, &FootConfig::default());
             let found = causal_poses(&until_then, &times, &config);
             let uncertain = &placements.uncertain[usize::from(foot == Foot::Right)];

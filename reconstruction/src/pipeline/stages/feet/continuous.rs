@@ -43,6 +43,11 @@ impl Continuous {
         own
     }
 
+    /// Whether it has any.
+    pub(super) fn has_jumps(&self) -> bool {
+        !self.jumps.is_empty()
+    }
+
     /// From places by this trajectory to those by the one with jumps, at a time, ns.
     pub(super) fn back(&self, time_ns: i64) -> RigidTransform {
         let before = self.jumps.iter().filter(|(at_ns, _)| *at_ns <= time_ns);
