@@ -13,7 +13,7 @@
 use nalgebra::Vector3;
 
 use super::distance::distance;
-use super::strike::Strike;
+use super::strike::{RUN_SPEED, Strike};
 use super::times::{Habit, Row, STEP_S, fit, log_normal, moments, typical, weights, without_prior};
 use crate::config::EventConfig;
 use crate::contact::{DISPLACED_SIGMA_S, Event, FootStances, seconds};
@@ -54,7 +54,7 @@ const MAX_NEXT_S: f64 = 1.5;
 const MAX_OTHER_S: f64 = 0.6;
 /// Change of the time of a stride from the usual one, and speed, m/s, from which on a person walks
 /// regularly, and by what share of the stride toes leave otherwise than usual if not: people who
-/// begin to walk, turn or stop.
+/// begin to walk, turn, stop or run.
 const MAX_STRIDE_CHANGE: f64 = 0.15;
 const MIN_SPEED: f64 = 0.7;
 const IRREGULAR_SHARE: f64 = 0.07;
@@ -292,7 +292,8 @@ fn expected(
     let share = usual_share + later;
     let is_regular = stride_s.zip(speed).zip(strikes.usual_stride_s).is_some_and(
         |((stride_s, speed), usual_s)| {
-            (stride_s / usual_s - 1.0).abs() < MAX_STRIDE_CHANGE && speed > MIN_SPEED
+            (stride_s / usual_s - 1.0).abs() < MAX_STRIDE_CHANGE
+                && (MIN_SPEED..RUN_SPEED).contains(&speed)
         },
     );
     let later_sigma = match is_regular {

@@ -28,7 +28,7 @@ const RUN_SIGMA_S: f64 = 0.02;
 /// s.
 const FLAT_SIGMA_S: f64 = 0.01;
 /// Speed from which on people run, m/s.
-const RUN_SPEED: f64 = 2.0;
+pub(super) const RUN_SPEED: f64 = 2.0;
 /// How much the pitch may differ from that of the strike before it, rad/s.
 const PITCH_RATE: f64 = 1.5;
 /// Least time from the last frame at rest to the next strike of the foot, s.
