@@ -223,7 +223,8 @@ impl Problem {
             json!([[q.w, q.i, q.j, q.k], t.translation_m()])
         };
         let lens = &self.rig.cameras[0].left;
-        let (noise, times) = (self.rig.imus[0].noise, config.inertial.noise_inflation);
+        let noise = self.rig.imus[0].noise;
+        let [gyro_times, accel_times] = config.inertial.noise_inflation;
         json!({
             "times": self.sets.iter().map(|s| s.time_ns).collect::<Vec<_>>(),
             "tracks": self.sets.iter().map(|s| &s.tracks).collect::<Vec<_>>(),
@@ -238,10 +239,10 @@ impl Problem {
             "first_velocity": self.first.velocity,
             "sigmas": self.first.sigmas,
             "noise": {
-                "gyro": noise.gyro_noise_density * times,
-                "accel": noise.accel_noise_density * times,
-                "gyro_walk": noise.gyro_random_walk * times,
-                "accel_walk": noise.accel_random_walk * times,
+                "gyro": noise.gyro_noise_density * gyro_times,
+                "accel": noise.accel_noise_density * accel_times,
+                "gyro_walk": noise.gyro_random_walk * gyro_times,
+                "accel_walk": noise.accel_random_walk * accel_times,
             },
             "gravity": GRAVITY,
             "huber_sigma": config.backend.huber_sigma,

@@ -3,6 +3,7 @@
 pub(crate) mod covariance;
 pub(crate) mod extrinsics;
 pub(crate) mod gyro_scale;
+pub(crate) mod heading_drift;
 pub(crate) mod landmark_elimination;
 pub(crate) mod marginalization;
 pub(crate) mod motion_factor;

@@ -13,7 +13,7 @@ use nalgebra::{DMatrix, Matrix3, Matrix6, Vector3};
 use rayon::prelude::*;
 
 use crate::backend::covariance::{
-    HeadingDrift, NewestCovariance, in_rig_frame, relative_in_rig_frame, tilt_uncertainty,
+    NewestCovariance, in_rig_frame, relative_in_rig_frame, tilt_uncertainty,
 };
 use crate::config::Config;
 use crate::estimator::reinitialization::ResetUncertainty;
@@ -26,6 +26,7 @@ use imaging::Pyramid;
 
 use crate::backend::extrinsics::{self, ExtrinsicsPrior};
 use crate::backend::gyro_scale::GyroScale;
+use crate::backend::heading_drift::HeadingDrift;
 use crate::backend::motion_factor;
 use crate::backend::newest_pose::{pose_by_calibrations, refine_newest};
 use crate::backend::observation::{Camera, CameraPose};
@@ -367,7 +368,7 @@ impl Odometry {
         }
         self.newest_is_keyframe = is_keyframe;
         self.is_lost |= !is_connected && self.needs_reinitialization(time_ns, &covariance);
-        (self.heading_drift).add(time_ns, &window.newest().state.rotation);
+        self.add_heading_drift(&window.newest().state);
         let estimate = self.estimate(
             &window,
             &covariance,
@@ -511,6 +512,12 @@ impl Odometry {
         self.last.as_ref().map_or(Vector3::zeros(), State::rate)
     }
 
+    fn add_heading_drift(&mut self, state: &State) {
+        let world_from_rig = state.world_from_rig(&self.body_from_rig);
+        let config = &self.config.backend.covariance;
+        (self.heading_drift).add(config, state.time_ns, &world_from_rig);
+    }
+
     fn estimate(
         &self,
         window: &Window,
@@ -543,8 +550,7 @@ impl Odometry {
         let arm = body.translation();
         let velocity = state.velocity + state.rotation * state.rate().cross(arm);
         let world_from_rig = state.world_from_rig(body);
-        let drift = &self.heading_drift;
-        covariance += drift.covariance(config, state.time_ns, &world_from_rig);
+        covariance += self.heading_drift.covariance(config);
         if self.imus.is_none() {
             covariance += tilt_uncertainty(config, &world_from_rig);
         }

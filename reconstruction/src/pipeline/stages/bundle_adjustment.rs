@@ -39,7 +39,7 @@ impl Stage<Input> for BundleAdjustmentStage {
     }
 
     fn version(&self) -> u32 {
-        15
+        16
     }
 
     fn inputs(&self) -> &'static [&'static str] {

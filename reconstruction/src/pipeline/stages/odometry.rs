@@ -41,7 +41,7 @@ impl Stage<Input> for OdometryStage {
     }
 
     fn version(&self) -> u32 {
-        18
+        19
     }
 
     fn inputs(&self) -> &'static [&'static str] {

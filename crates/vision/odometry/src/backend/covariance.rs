@@ -1,9 +1,7 @@
 //! Covariance inflation: from the covariance of the solver to the reported one.
 
 use cad_transforms::RigidTransform;
-use nalgebra::{
-    Const, DMatrix, Dyn, Matrix3, Matrix6, Matrix6x2, OMatrix, SMatrix, UnitQuaternion, Vector3,
-};
+use nalgebra::{Const, DMatrix, Dyn, Matrix3, Matrix6, Matrix6x2, OMatrix, SMatrix};
 
 use crate::backend::state::{POSE_DIM, ROTATION, STATE_DIM, State};
 use crate::backend::stereo::STEREO_DIM;
@@ -112,46 +110,6 @@ pub(crate) fn tilt_uncertainty(
         * (config.initial_tilt_sigma_rad * config.initial_tilt_sigma_rad)
 }
 
-/// What the drift of the heading of causal poses depends on: time, and the net turn of the rig
-/// about the vertical. Errors of matches are small but have the same sign over many frames; they
-/// act like a rate, and like a scale of rotations.
-#[derive(Clone, Copy, Debug, Default)]
-pub(crate) struct HeadingDrift {
-    begin_ns: Option<i64>,
-    last: Option<UnitQuaternion<f64>>,
-    turn_rad: f64,
-}
-
-impl HeadingDrift {
-    /// Adds the rotation of the body at a later time.
-    pub(crate) fn add(&mut self, time_ns: i64, world_from_body: &UnitQuaternion<f64>) {
-        self.begin_ns.get_or_insert(time_ns);
-        if let Some(last) = self.last.replace(*world_from_body) {
-            self.turn_rad += (world_from_body * last.inverse()).scaled_axis().z;
-        }
-    }
-
-    /// Covariance of a pose at a time, as a small motion in the axes of the rig.
-    pub(crate) fn covariance(
-        &self,
-        config: &CovarianceConfig,
-        time_ns: i64,
-        world_from_rig: &RigidTransform,
-    ) -> Matrix6<f64> {
-        let ns = self.begin_ns.map_or(0, |begin| (time_ns - begin).max(0));
-        // A Gauss-Markov process, integrated.
-        let correlation_s = config.heading_rate_correlation_s;
-        let t = 1e-9 * ns as f64 / correlation_s;
-        let by_rate = config.heading_rate_sigma * correlation_s;
-        let by_scale = config.turn_scale_sigma * self.turn_rad;
-        let variance = 2.0 * by_rate * by_rate * (t + (-t).exp_m1()) + by_scale * by_scale;
-        let up = world_from_rig.rotation().inverse() * Vector3::z();
-        let mut drift = Matrix6::zeros();
-        (drift.fixed_view_mut::<3, 3>(3, 3)).copy_from(&(up * up.transpose() * variance));
-        drift
-    }
-}
-
 /// Inflates the covariance of a pose and converts it from errors of the body (position in the
 /// world, rotation in the body) to a small motion of the rig in its own axes.
 pub(crate) fn in_rig_frame(
@@ -227,38 +185,6 @@ fn transport_jacobian(from: &State, to: &State) -> Matrix6<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn heading_drifts_with_time_and_net_turn() {
-        let config = CovarianceConfig::default();
-        // Rolled to the side: the vertical is the y axis of the rig.
-        let half = std::f64::consts::FRAC_1_SQRT_2;
-        let pose = RigidTransform::from_wxyz([half, half, 0.0, 0.0], [10.0, 0.0, 0.0]).unwrap();
-        let mut drift = HeadingDrift::default();
-        drift.add(0, pose.rotation());
-        let sigma = |drift: &HeadingDrift, seconds: f64| {
-            let covariance = drift.covariance(&config, (seconds * 1e9) as i64, &pose);
-            let other = covariance.trace() - covariance[(4, 4)];
-            assert!(other.abs() < 1e-15, "{covariance}");
-            covariance[(4, 4)].sqrt()
-        };
-        assert_eq!(sigma(&drift, 0.0), 0.0);
-        let early = sigma(&drift, 2.0) / (2.0 * config.heading_rate_sigma);
-        assert!((0.98..1.0).contains(&early), "{early}");
-        let late = sigma(&drift, 8000.0) / sigma(&drift, 2000.0);
-        assert!((late - 2.0).abs() < 0.05, "{late}");
-
-        // Three turns to the left, and one back.
-        let turned = |quarters: i32| {
-            let angle = f64::from(quarters) * std::f64::consts::FRAC_PI_2;
-            UnitQuaternion::from_axis_angle(&Vector3::z_axis(), angle) * pose.rotation()
-        };
-        (1..=12)
-            .chain((8..12).rev())
-            .for_each(|quarters| drift.add(0, &turned(quarters)));
-        let expected = config.turn_scale_sigma * 4.0 * std::f64::consts::PI;
-        assert!((sigma(&drift, 0.0) - expected).abs() < 1e-9);
-    }
 
     #[test]
     fn world_tilt_rotates_poses_and_moves_distant_ones_vertically() {

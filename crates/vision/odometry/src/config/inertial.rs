@@ -5,16 +5,19 @@ use estimator_config::config;
 config! {
     /// IMU samples and their preintegration.
     pub struct InertialConfig {
-        /// Factor on the noise densities of the data sheet or an Allan deviation; covers thermal
-        /// drift and vibration. Lower is overconfident on real motion (`cargo xtask bench gtsam`),
-        /// higher leaves the heading to images.
-        pub noise_inflation: f64 = 2.0,
+        /// Factors on the noise densities of the data sheet or an Allan deviation, gyroscope and
+        /// accelerometer; cover thermal drift and vibration. That of the gyroscope is 2 in reported
+        /// sigmas, which are those of the solver times
+        /// [`sigma_inflation`](crate::config::CovarianceConfig): noise of the gyroscope is
+        /// independent from sample to sample, errors of matches are not. Lower is overconfident on
+        /// real motion (`cargo xtask bench gtsam`), higher leaves the heading to images.
+        pub noise_inflation: [f64; 2] = [2.0 / 3.0, 2.0],
         /// Prior sigma of the scale error of the gyroscope about each axis, which is estimated: a
         /// value for consumer MEMS parts.
         pub gyro_scale_sigma: f64 = 4e-3,
         /// What is not estimated adds a sigma that grows with the motion: misalignment of the
-        /// gyroscope, scale and misalignment of the accelerometer.
-        pub relative_error: [f64; 2] = [1e-3, 1e-3],
+        /// gyroscope, 1e-3 in reported sigmas, scale and misalignment of the accelerometer.
+        pub relative_error: [f64; 2] = [1e-3 / 3.0, 1e-3],
         /// Noise densities of the constant-velocity model without IMU samples, acceleration in
         /// m/s²/√Hz and rotation in rad/s/√Hz: the unknown acceleration of a walking person.
         pub constant_velocity_noise_density: [f64; 2] = [3.0, 0.7],

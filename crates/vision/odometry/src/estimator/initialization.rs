@@ -138,7 +138,7 @@ impl Odometry {
         self.odom_from_body = state.pose();
         self.odom_from_keyframe = self.odom_from_body;
         let inliers = window.landmarks.len();
-        (self.heading_drift).add(state.time_ns, &state.rotation);
+        self.add_heading_drift(&state);
         let estimate = self.estimate(
             &window,
             &covariance,

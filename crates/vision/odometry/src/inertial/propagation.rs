@@ -29,13 +29,14 @@ pub(crate) struct ImuPropagator {
 
 impl ImuPropagator {
     pub(crate) fn new(imu: &Imu, body_from_imu: &RigidTransform, config: &InertialConfig) -> Self {
+        let [gyro, accel] = config.noise_inflation;
         Self {
             samples: ImuBuffer::new(config, imu.rate_hz),
             noise: ImuNoise {
-                gyro_noise_density: imu.noise.gyro_noise_density * config.noise_inflation,
-                accel_noise_density: imu.noise.accel_noise_density * config.noise_inflation,
-                gyro_random_walk: imu.noise.gyro_random_walk * config.noise_inflation,
-                accel_random_walk: imu.noise.accel_random_walk * config.noise_inflation,
+                gyro_noise_density: imu.noise.gyro_noise_density * gyro,
+                accel_noise_density: imu.noise.accel_noise_density * accel,
+                gyro_random_walk: imu.noise.gyro_random_walk * gyro,
+                accel_random_walk: imu.noise.accel_random_walk * accel,
             },
             range: imu.range,
             rate_hz: imu.rate_hz,
