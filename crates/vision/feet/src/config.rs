@@ -160,7 +160,7 @@ config! {
         pub approach_pitch: [f64; 2] = [0.2, 0.15],
         /// Time from a frame to a foot's rest in which it approaches its strike, s.
         pub landing_s: f64 = 0.3,
-        /// Largest slope of a path, as a ratio, that widens these tilts: treads of stairs are level.
+        /// Largest slope of a path that widens these tilts, as a ratio: treads are level.
         pub max_slope: f64 = 0.3,
         /// Time between frames of one approach, and of a speed, s.
         pub max_approach_s: f64 = 0.2,

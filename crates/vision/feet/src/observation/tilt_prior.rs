@@ -4,8 +4,7 @@ use nalgebra::Vector3;
 
 use crate::config::FootConfig;
 
-/// Time to a place where a tag rests that says something about a slope, s, and least length of such a
-/// step, m.
+/// Longest time to a place where a tag rests for a slope, s, and least length of such a step, m.
 const SLOPE_S: f64 = 2.5;
 const MIN_STEP_M: f64 = 0.2;
 
@@ -69,8 +68,8 @@ fn rests(frames: &[TagPlace], k: usize, config: &FootConfig) -> bool {
     tag_speed(&frames[k], &frames[k + 1]) < config.rest_speed
 }
 
-/// Slope of the path of a foot about a frame, as a ratio: from where its tag rests before to where it
-/// does after it.
+/// Slope of the path of a foot about a frame, as a ratio: between where its tag rests before and
+/// after it.
 fn path_slope(frames: &[TagPlace], k: usize, config: &FootConfig) -> f64 {
     let is_soon = |at: &usize| {
         let [first, last] = [*at.min(&k), *at.max(&k)];
