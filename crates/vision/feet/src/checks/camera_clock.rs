@@ -50,8 +50,8 @@ pub fn clock_error(stances: &[Vec<RestFrame>], config: &ClockConfig) -> Option<E
     Some(of_motion.minus(config.roll_s[0]))
 }
 
-/// By how much feet at rest on level ground move with the rig, as a ratio. They do where poses of the
-/// rig are too far apart from each other.
+/// By how much feet at rest on level ground move with the rig, as a ratio. They do where its
+/// poses are too far apart from each other.
 pub fn pose_drift(stances: &[Vec<RestFrame>], config: &ClockConfig) -> Option<Estimate> {
     let sigmas = [config.min_drift, config.roll_drift[1]];
     let of_motion = ratio(stances, |own| own.rig, sigmas, config)?;
