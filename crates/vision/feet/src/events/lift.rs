@@ -107,8 +107,11 @@ impl LiftHabit {
                 without_prior([share, sigma], self.shares[k]).filter(|_| is_sure)
             });
             let [own, sigma] = typical([mean, people], steps, estimates);
-            // Nobody differs by more: other estimates are of frames that show something else.
-            [own.clamp(mean - 2.0 * people, mean + 2.0 * people), sigma]
+            // Nobody differs by more: these frames show something else.
+            match (own - mean).abs() < 2.0 * people {
+                true => [own, sigma],
+                false => self.shares[k],
+            }
         });
         Self { shares }
     }
