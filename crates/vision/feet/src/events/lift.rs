@@ -107,10 +107,11 @@ impl LiftHabit {
                 without_prior([share, sigma], self.shares[k]).filter(|_| is_sure)
             });
             let [own, sigma] = typical([mean, people], steps, estimates);
-            // Nobody differs by more: these frames show something else.
-            match (own - mean).abs() < 2.0 * people {
-                true => [own, sigma],
-                false => self.shares[k],
+            // Nobody differs by more: some of these frames show something else.
+            let limits = [mean - 2.0 * people, mean + 2.0 * people];
+            match own.clamp(limits[0], limits[1]) {
+                possible if possible == own => [own, sigma],
+                limit => [limit, sigma.hypot(people)],
             }
         });
         Self { shares }
@@ -128,6 +129,8 @@ struct Expected {
     heel_off: [f64; 2],
     latest_s: f64,
     stride_s: Option<f64>,
+    /// Whether the person walks as usual before and after it.
+    is_regular: bool,
     /// When the toes of people leave at that speed, s.
     usual_toe_off_s: Option<f64>,
 }
@@ -257,9 +260,16 @@ pub(super) fn lift(
         is_seen,
     };
     let stride_s = expected.stride_s.unwrap_or(1.0);
+    let irregular_s = match expected.is_regular {
+        true => 0.0,
+        false => IRREGULAR_SHARE * stride_s.min(MAX_NEXT_S),
+    };
+    let heel_sigma_s = heel_off[1]
+        .hypot(HEEL_SHARE * toe_off[1])
+        .hypot(irregular_s);
     Lift {
         heel_off: event(
-            [heel_off[0], heel_off[1].hypot(HEEL_SHARE * toe_off[1])],
+            [heel_off[0], heel_sigma_s],
             lifting.iter().any(|own| own.time_s > last_s),
         ),
         toe_off: event(toe_off, shown(toe_off[0])),
@@ -326,6 +336,7 @@ fn expected(
         heel_off,
         latest_s,
         stride_s,
+        is_regular,
         usual_toe_off_s,
     }
 }
