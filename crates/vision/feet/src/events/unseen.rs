@@ -1,13 +1,15 @@
 //! Times in which no frame shows a foot.
 //!
-//! Contract: while a person walks one foot is at rest where a camera sees it, and so a longer time
-//! without either foot is one of frames or poses of the rig that are missing. A foot may have done
+//! Contract: while a person walks a foot is at rest where a camera sees it, or the next one is. In
+//! a longer time without either foot, frames or poses of the rig are missing. A foot may have done
 //! anything in it.
 
 use crate::contact::{FootStances, seconds};
 
-/// Time without either foot from which on events may be in it, s: legs hide both for less.
-const MIN_UNSEEN_S: f64 = 0.6;
+/// Time without either foot from which on events may be anywhere in it, s. Of people who run or take
+/// long steps, whose tags are outside of the image for a step, it is up to 1.2 s, and the gait
+/// determines events better.
+const MIN_UNSEEN_S: f64 = 1.25;
 /// Time from the last frame of a foot at rest to such a time, without a frame of it, after which it
 /// has left, s; likewise before its first frame at rest.
 const NEAR_S: f64 = 0.3;
