@@ -6,8 +6,8 @@
 
 use crate::contact::{FootStances, seconds};
 
-/// Time without either foot from which on events may be anywhere in it, s. Of people who run or take
-/// long steps, whose tags are outside of the image for a step, it is up to 1.2 s, and the gait
+/// Time without either foot from which on events may be anywhere in it, s. Of people who run or who
+/// take long steps, whose tags are outside of the image for a step, it is up to 1.2 s, and the gait
 /// determines events better.
 const MIN_UNSEEN_S: f64 = 1.25;
 /// Time from the last frame of a foot at rest to such a time, without a frame of it, after which it
