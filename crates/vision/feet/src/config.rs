@@ -85,7 +85,7 @@ config! {
         /// See `min_sigmas`.
         pub min_error_s: f64 = 0.002,
         /// Least ratio of the motion of feet at rest to that of the rig by which poses drift.
-        pub min_drift: f64 = 0.004,
+        pub min_drift: f64 = 0.006,
         /// Standard deviations from which on it is one.
         pub min_drift_sigmas: f64 = 3.0,
         /// Usual ratio by soles that roll on level ground, and its standard deviation from walk to
