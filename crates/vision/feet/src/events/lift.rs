@@ -74,6 +74,18 @@ pub(super) struct Lift {
     stride_s: f64,
 }
 
+impl Lift {
+    /// Of which nothing is learned: heel off and toe off.
+    fn without_habit([heel_off, toe_off]: [Event; 2]) -> Self {
+        Self {
+            heel_off,
+            toe_off,
+            shares: None,
+            stride_s: 1.0,
+        }
+    }
+}
+
 /// How long the feet of a wearer usually bear: differences of the share from that of people, and
 /// share after which the heel lifts, each with its standard deviation.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -108,10 +120,10 @@ impl LiftHabit {
             });
             let [own, sigma] = typical([mean, people], steps, estimates);
             // Nobody differs by more: some of these frames show something else.
-            let limits = [mean - 2.0 * people, mean + 2.0 * people];
-            match own.clamp(limits[0], limits[1]) {
-                possible if possible == own => [own, sigma],
-                limit => [limit, sigma.hypot(people)],
+            let limit = 2.0 * people;
+            match (own - mean).abs() <= limit {
+                true => [own, sigma],
+                false => [own.clamp(mean - limit, mean + limit), sigma.hypot(people)],
             }
         });
         Self { shares }
@@ -149,28 +161,18 @@ fn unseen_lift(foot: &FootStances<'_>, index: usize, [_, until_s]: [f64; 2]) -> 
         sigma_s: length_s / 18.0_f64.sqrt(),
         is_seen: false,
     };
-    Lift {
-        heel_off: event(1.0 / 3.0),
-        toe_off: event(2.0 / 3.0),
-        shares: None,
-        stride_s: 1.0,
-    }
+    Lift::without_habit([1.0 / 3.0, 2.0 / 3.0].map(event))
 }
 
 /// Heel off and toe off of a stance after which the foot is displaced without a swing: there are
 /// none.
-fn unknown(last_s: f64) -> Lift {
+fn displaced_lift(last_s: f64) -> Lift {
     let event = Event {
         time_s: last_s,
         sigma_s: DISPLACED_SIGMA_S,
         is_seen: false,
     };
-    Lift {
-        heel_off: event,
-        toe_off: event,
-        shares: None,
-        stride_s: 1.0,
-    }
+    Lift::without_habit([event; 2])
 }
 
 /// Strikes of a foot and of the other one, in order of time.
@@ -216,7 +218,7 @@ pub(super) fn lift(
         return unseen_lift(foot, index, unseen);
     }
     if foot.is_displaced_after(index) {
-        return unknown(last_s);
+        return displaced_lift(last_s);
     }
     let expected = expected(foot, index, strikes, habit);
     let frames = leaving(foot, stance, expected.latest_s);
