@@ -114,9 +114,9 @@ config! {
         pub max_turn_rad: f64 = 0.1,
         /// Least size of a jump of the poses themselves, m, and relative to the median of what
         /// poses of a person who walks show.
-        pub min_step_m: f64 = 0.035,
-        /// See `min_step_m`.
-        pub usual_steps: f64 = 6.0,
+        pub min_position_m: f64 = 0.035,
+        /// See `min_position_m`.
+        pub usual_factor: f64 = 6.0,
         /// Time before and after a jump of the poses themselves, s, in which it is larger than any
         /// other by a factor: people who run jolt the rig at every strike.
         pub alone_s: f64 = 1.5,

@@ -27,7 +27,7 @@ pub struct RestFrame {
 ///
 /// ```
 /// use feet::ClockConfig;
-/// use feet::checks::camera_clock::{RestFrame, clock_error};
+/// use feet::checks::{RestFrame, clock_error};
 ///
 /// // Ten stances during which the rig becomes faster; frames are 8 ms late, and soles roll.
 /// let config = ClockConfig::default();

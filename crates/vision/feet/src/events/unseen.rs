@@ -4,6 +4,7 @@
 //! a longer time without either foot, frames or poses of the rig are missing. A foot may have done
 //! anything in it.
 
+use crate::checks::unseen_intervals;
 use crate::contact::{FootStances, seconds};
 
 /// Time without either foot from which on events may be anywhere in it, s. Of people who run or who
@@ -20,11 +21,8 @@ pub(super) struct Unseen(Vec<[f64; 2]>);
 
 impl Unseen {
     pub(super) fn of(feet: &[FootStances<'_>; 2]) -> Self {
-        let seen = feet.iter().flat_map(|foot| foot.observations);
-        let mut seen_s: Vec<f64> = seen.map(|own| seconds(own.time_ns)).collect();
-        seen_s.sort_by(f64::total_cmp);
-        let pairs = seen_s.windows(2).map(|pair| [pair[0], pair[1]]);
-        Self(pairs.filter(|[a, b]| b - a > MIN_UNSEEN_S).collect())
+        let observations = feet.each_ref().map(|foot| foot.observations);
+        Self(unseen_intervals(observations, MIN_UNSEEN_S))
     }
 
     /// The one before a stance, if no frame shows that foot between both.

@@ -1,6 +1,6 @@
 //! A trajectory without its jumps, and transforms from places by it to those with them.
 
-use ::feet::checks::jump::Jump;
+use ::feet::checks::Jump;
 use ::feet::events::Contact;
 use cad_transforms::RigidTransform;
 use nalgebra::Vector3;

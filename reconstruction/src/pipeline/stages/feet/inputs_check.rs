@@ -6,9 +6,7 @@
 
 use std::borrow::Cow;
 
-use ::feet::checks::camera_clock::{RestFrame, clock_error, pose_drift};
-use ::feet::checks::jump::jumps;
-use ::feet::checks::trajectory_step::{RigPlace, steps};
+use ::feet::checks::{RestFrame, RigPosition, clock_error, jumps, pose_drift, position_jumps};
 use ::feet::stance::Stance;
 use ::feet::tag_placement::Estimate;
 use ::feet::{ClockConfig, GaitConfig, JumpConfig};
@@ -45,13 +43,13 @@ pub(super) fn without_jumps(
             1e3 * Vector3::from(jump.shift_m).norm()
         ));
     }
-    let places = trajectory.poses().iter().map(|pose| RigPlace {
+    let positions = trajectory.poses().iter().map(|pose| RigPosition {
         time_s: 1e-9 * pose.time_ns as f64,
         position: pose.world_from_rig.translation_m(),
     });
-    let places: Vec<RigPlace> = places.collect();
+    let positions: Vec<RigPosition> = positions.collect();
     let config = JumpConfig::default();
-    for [time_s, size_m] in steps(&places, &config) {
+    for [time_s, size_m] in position_jumps(&positions, &config) {
         let is_near = |ns: i64| (1e-9 * ns as f64 - time_s).abs() <= config.max_interval_s;
         if jumps
             .iter()

@@ -1,6 +1,6 @@
 //! What the stage reports of feet.
 
-use ::feet::checks::slide::slides;
+use ::feet::checks::{slides, unseen_intervals};
 use ::feet::events::Contact;
 use ::feet::swing::SoleEdges;
 use ::feet::track::FootContacts;
@@ -86,11 +86,9 @@ const MAX_UNSEEN_S: f64 = 0.8;
 
 /// Reports times in which no frame shows a foot: no frames, or no poses of the rig for them.
 pub(super) fn report_unseen(work: &Findings, known: &[FootContacts<'_>; 2]) {
-    let seen = known.iter().flat_map(|foot| foot.observations);
-    let mut times_s: Vec<f64> = seen.map(|own| 1e-9 * own.time_ns as f64).collect();
-    times_s.sort_by(f64::total_cmp);
-    let pairs = times_s.windows(2).map(|pair| (pair[0], pair[1] - pair[0]));
-    let gaps: Vec<(f64, f64)> = pairs.filter(|(_, s)| *s > MAX_UNSEEN_S).collect();
+    let observations = known.each_ref().map(|foot| foot.observations);
+    let intervals = unseen_intervals(observations, MAX_UNSEEN_S);
+    let gaps: Vec<(f64, f64)> = intervals.iter().map(|[a, b]| (*a, b - a)).collect();
     if let Some((at_s, longest_s)) = gaps.iter().copied().max_by(|a, b| a.1.total_cmp(&b.1)) {
         work.record_loss(format!(
             "intervals in which no frame shows a foot, or the pose of the rig is unknown: {}, {:.1} \
