@@ -173,10 +173,12 @@ fn before_lift(foot: &FootStances<'_>, index: usize, other: &[Lift]) -> Option<[
         let step = next.world_from_foot.translation() - stance.world_from_foot.translation();
         (stride_s, step.norm() / stride_s)
     });
-    let both_s = (bearing_share(speed) - 0.5) * stride_s;
+    let [share, run_sigma] = bearing_share(speed);
     Some([
-        toe_off.time_s - both_s,
-        toe_off.sigma_s.hypot(BOTH_SIGMA * stride_s),
+        toe_off.time_s - (share - 0.5) * stride_s,
+        toe_off
+            .sigma_s
+            .hypot(BOTH_SIGMA.hypot(run_sigma) * stride_s),
     ])
 }
 

@@ -2,8 +2,8 @@
 //!
 //! Contract: observations come in order of time. A stance is a run of frames in which the foot
 //! hardly moves or turns, with one pose, to which frames that contradict it do not contribute. A
-//! foot that slides or turns on the spot has two stances. Frames in which it rolls over heel or toe
-//! belong to none.
+//! foot that slides, turns or steps on the spot has two stances. Frames in which it rolls over heel
+//! or toe belong to none.
 
 use std::ops::Range;
 
@@ -19,6 +19,11 @@ mod sure_point;
 /// Standard deviations, in six dimensions, by which motions of a foot at rest seem to differ from
 /// none: fewer in 99.5 % of the cases.
 const SIGMAS: f64 = 4.3;
+
+/// Least number of frames that show a foot away from its place.
+const MIN_AWAY_FRAMES: usize = 2;
+/// Number of frames of a run that are tried as its pose.
+const SOME_FRAMES: usize = 16;
 
 /// A foot in the world at the time of a frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -82,16 +87,14 @@ impl Stance {
 pub fn stances(observations: &[FootObservation], config: &StanceConfig) -> Vec<Stance> {
     let mut found: Vec<Stance> = Vec::new();
     for run in runs_at_rest(observations, config) {
-        for part in without_drift(observations, run, config) {
-            let Some(stance) = stance(observations, part, config) else {
-                continue;
-            };
+        let parts = without_drift(observations, run, config).into_iter();
+        for stance in parts.flat_map(|part| stances_of(observations, part, config)) {
             match found.last_mut() {
                 Some(last) if is_continued(last, &stance, config) => {
                     let whole = last.observations.start..stance.observations.end;
-                    match self::stance(observations, whole, config) {
-                        Some(joint) => *last = joint,
-                        None => found.push(stance),
+                    match stances_of(observations, whole, config).as_slice() {
+                        [joint] => *last = joint.clone(),
+                        _ => found.push(stance),
                     }
                 }
                 // No foot takes a step in between.
@@ -102,7 +105,26 @@ pub fn stances(observations: &[FootObservation], config: &StanceConfig) -> Vec<S
             }
         }
     }
-    found
+    without_hovering(found, config)
+}
+
+/// The stances without those above the ones before and after them with hardly a time in between: a
+/// foot that steps on the spot is slow on top of its swing.
+fn without_hovering(stances: Vec<Stance>, config: &StanceConfig) -> Vec<Stance> {
+    let is_above = |k: usize, other: usize| {
+        let [own, other] = [k, other].map(|k: usize| &stances[k]);
+        let gap_s = own.seconds_until(other).max(other.seconds_until(own));
+        let rise = own.world_from_foot.translation().z - other.world_from_foot.translation().z;
+        gap_s < config.min_swing_s && rise > config.max_deviation_m
+    };
+    let hovers = |k: usize| {
+        let is_last = k + 1 == stances.len();
+        k > 0 && is_above(k, k - 1) && (is_last || is_above(k, k + 1))
+    };
+    let rests: Vec<bool> = (0..stances.len()).map(|k| !hovers(k)).collect();
+    let both = stances.into_iter().zip(rests);
+    both.filter_map(|(stance, rests)| rests.then_some(stance))
+        .collect()
 }
 
 /// Runs of observations between which a foot hardly moves, besides single ones that contradict
@@ -239,25 +261,84 @@ fn largest_step(run: &[FootObservation], config: &StanceConfig) -> Option<usize>
     largest.1
 }
 
+/// The stances of a run: more than one if the foot leaves its place and returns to it.
+fn stances_of(
+    observations: &[FootObservation],
+    run: Range<usize>,
+    config: &StanceConfig,
+) -> Vec<Stance> {
+    let Some(stance) = stance(observations, run, config) else {
+        return Vec::new();
+    };
+    match step_on_the_spot(observations, &stance, config) {
+        Some(step) => {
+            let Range { start, end } = stance.observations;
+            let both = [start..step.start, step.end..end].into_iter();
+            both.flat_map(|run| stances_of(observations, run, config))
+                .collect()
+        }
+        None => vec![stance],
+    }
+}
+
+/// The longest run of frames in a stance that do not belong to it, if it is as long as a swing.
+fn step_on_the_spot(
+    observations: &[FootObservation],
+    stance: &Stance,
+    config: &StanceConfig,
+) -> Option<Range<usize>> {
+    let place = Place::new(observations, stance.observations.start, config);
+    let mut longest = (config.min_swing_s, None);
+    let mut last = stance.observations.start;
+    for k in stance.observations.clone() {
+        if !place.has(&stance.world_from_foot, &observations[k]) {
+            continue;
+        }
+        let away_s = 1e-9 * (observations[k].time_ns - observations[last].time_ns) as f64;
+        if k - last > MIN_AWAY_FRAMES && away_s > longest.0 {
+            longest = (away_s, Some(last + 1..k));
+        }
+        last = k;
+    }
+    longest.1
+}
+
+/// Which frames belong to a pose.
+struct Place<'a> {
+    point: SurePoint,
+    config: &'a StanceConfig,
+}
+
+impl<'a> Place<'a> {
+    fn new(observations: &[FootObservation], first: usize, config: &'a StanceConfig) -> Self {
+        let point = SurePoint::of(&observations[first].covariance);
+        Self { point, config }
+    }
+
+    fn has(&self, world_from_foot: &RigidTransform, own: &FootObservation) -> bool {
+        let config = self.config;
+        let motion = motion(world_from_foot, &own.world_from_foot);
+        let tolerance = [config.max_deviation_m, config.max_deviation_rad];
+        is_within(&motion, own.covariance.matrix(), tolerance) || {
+            let displacement = self
+                .point
+                .displacement(world_from_foot, &own.world_from_foot);
+            let covariance = self.point.covariance(&own.covariance);
+            is_small(&displacement, &covariance, 0.5 * config.max_deviation_m)
+        }
+    }
+}
+
 /// The stance of a run, trimmed to the frames that belong to it; `None` if these are too few.
 fn stance(
     observations: &[FootObservation],
     mut run: Range<usize>,
     config: &StanceConfig,
 ) -> Option<Stance> {
+    let place = Place::new(observations, run.start, config);
     let mut pose = mean(&observations[run.clone()], config);
-    let point = SurePoint::of(&observations[run.start].covariance);
     loop {
-        let belongs = |k: usize| {
-            let own = &observations[k];
-            let motion = motion(&pose.0, &own.world_from_foot);
-            let tolerance = [config.max_deviation_m, config.max_deviation_rad];
-            is_within(&motion, own.covariance.matrix(), tolerance) || {
-                let displacement = point.displacement(&pose.0, &own.world_from_foot);
-                let covariance = point.covariance(&own.covariance);
-                is_small(&displacement, &covariance, 0.5 * config.max_deviation_m)
-            }
-        };
+        let belongs = |k: usize| place.has(&pose.0, &observations[k]);
         let first = run.clone().find(|k| belongs(*k))?;
         let last = run.clone().rfind(|k| belongs(*k))?;
         let trimmed = first..last + 1;
@@ -318,16 +399,16 @@ fn one_contact(a: &Stance, b: &Stance, config: &StanceConfig) -> Stance {
 /// less.
 fn mean(run: &[FootObservation], config: &StanceConfig) -> (RigidTransform, Matrix6<f64>) {
     const ROUNDS: usize = 4;
-    let mut pose = run[run.len() / 2].world_from_foot;
+    let mut pose = usual_pose(run, config);
+    let [m, rad] = config.frame_sigma.map(|sigma| sigma * sigma);
+    let of_frame = Matrix6::from_diagonal(&Vector6::new(m, m, m, rad, rad, rad));
     let mut information = Matrix6::zeros();
     for _ in 0..ROUNDS {
         let (mut sum, mut gradient) = (Matrix6::zeros(), Vector6::zeros());
         for own in run {
             let motion = motion(&pose, &own.world_from_foot);
-            let [distance, angle] = sizes(&motion);
-            let far = (distance / config.max_deviation_m).max(angle / config.max_deviation_rad);
-            let weight = 1.0 / (1.0 + far * far);
-            let Some(inverse) = own.covariance.matrix().try_inverse() else {
+            let weight = 1.0 / (1.0 + deviation(&motion, config).powi(2));
+            let Some(inverse) = (own.covariance.matrix() + of_frame).try_inverse() else {
                 continue;
             };
             sum += inverse * weight;
@@ -347,6 +428,27 @@ fn mean(run: &[FootObservation], config: &StanceConfig) -> (RigidTransform, Matr
         pose,
         information.try_inverse().unwrap_or_else(Matrix6::identity),
     )
+}
+
+/// The pose of the frame, of some of a run, to which the others are nearest: far ones all alike.
+fn usual_pose(run: &[FootObservation], config: &StanceConfig) -> RigidTransform {
+    let some = |count: usize| run.iter().step_by(run.len().div_ceil(count));
+    let distance = |own: &FootObservation| {
+        let others = some(4 * SOME_FRAMES).map(|other| {
+            let motion = motion(&own.world_from_foot, &other.world_from_foot);
+            deviation(&motion, config).powi(2).min(1.0)
+        });
+        others.sum::<f64>()
+    };
+    let candidates = some(SOME_FRAMES).map(|own| (distance(own), own.world_from_foot));
+    let usual = candidates.min_by(|a, b| a.0.total_cmp(&b.0));
+    usual.map_or(run[0].world_from_foot, |(_, pose)| pose)
+}
+
+/// A motion relative to what frames of a stance deviate by at most.
+fn deviation(motion: &Vector6<f64>, config: &StanceConfig) -> f64 {
+    let [distance, angle] = sizes(motion);
+    (distance / config.max_deviation_m).max(angle / config.max_deviation_rad)
 }
 
 /// Distance, m, and angle, rad, of a motion.

@@ -9,7 +9,7 @@ use cad_transforms::RigidTransform;
 use nalgebra::{Matrix3, Vector3};
 
 use crate::config::SwingConfig;
-use crate::contact::{Contact, FootContacts, rest_s};
+use crate::contact::{Contact, FootContacts, is_one_stride, rest_s};
 use crate::deviation::{AxisConfig, AxisHabit, Measurement, Place, Quantity, Step};
 use crate::poses::motion;
 use crate::shoe::Side;
@@ -138,7 +138,9 @@ impl<'a> Swing<'a> {
     ) -> Option<Self> {
         let [from, to] = contacts;
         let span_s = [rest_s(from)[1], rest_s(to)[0]];
-        if !(0.0..config.max_swing_s).contains(&(span_s[1] - span_s[0])) {
+        let is_one_step = is_one_stride(&from.stance, &to.stance)
+            && (0.0..config.max_swing_s).contains(&(span_s[1] - span_s[0]));
+        if !is_one_step {
             return None;
         }
         let empty = || Step {

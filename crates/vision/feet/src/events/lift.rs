@@ -7,7 +7,9 @@
 //!
 //! Source of the share of a stride in which a foot bears, 0.642 - 0.035 v for a speed v in m/s:
 //! Kirtley, Whittle, Jefferson, "Influence of walking speed on gait parameters", J. Biomed. Eng. 7,
-//! 1985. Heels lift after 0.30 to 0.40 of a stride: Perry, Burnfield, "Gait Analysis", 2nd ed.,
+//! 1985. People who run bear for less than half of a stride, and change from walking to running at
+//! about 2 m/s: Alexander, "Optimization and gaits in the locomotion of vertebrates", Physiol. Rev.
+//! 69, 1989. Heels lift after 0.30 to 0.40 of a stride: Perry, Burnfield, "Gait Analysis", 2nd ed.,
 //! 2010.
 
 use nalgebra::Vector3;
@@ -16,7 +18,7 @@ use super::distance::distance;
 use super::strike::{RUN_SPEED, Strike};
 use super::times::{Habit, Row, STEP_S, fit, log_normal, moments, typical, weights, without_prior};
 use crate::config::EventConfig;
-use crate::contact::{DISPLACED_SIGMA_S, Event, FootStances, seconds};
+use crate::contact::{DISPLACED_SIGMA_S, Event, FootStances, is_one_stride, seconds};
 use crate::poses::motion;
 use crate::stance::Stance;
 
@@ -130,9 +132,22 @@ impl LiftHabit {
     }
 }
 
-/// Share of a stride in which the feet of people bear at a speed, m/s.
-pub(super) fn bearing_share(speed: f64) -> f64 {
-    (0.642 - 0.035 * speed).clamp(0.4, 0.75)
+/// Share of a stride in which a foot bears of people who run, and its standard deviation.
+const RUN_SHARE: [f64; 2] = [0.38, 0.06];
+/// Scatter of the speed at which people begin to run, m/s.
+const RUN_SPEED_SCATTER: f64 = 0.12;
+
+/// Share of a stride in which the feet of people bear at a speed, m/s, and its standard deviation
+/// besides that between people who walk: whether they run is uncertain too.
+pub(super) fn bearing_share(speed: f64) -> [f64; 2] {
+    let walking = (0.642 - 0.035 * speed).clamp(0.5, 0.75);
+    let [running, scatter] = RUN_SHARE;
+    let runs = 1.0 / (1.0 + ((RUN_SPEED - speed) / RUN_SPEED_SCATTER).exp());
+    let change = walking - running;
+    [
+        walking - runs * change,
+        (runs * scatter * scatter + runs * (1.0 - runs) * change * change).sqrt(),
+    ]
 }
 
 /// What follows from the gait.
@@ -269,13 +284,15 @@ pub(super) fn lift(
     let heel_sigma_s = heel_off[1]
         .hypot(HEEL_SHARE * toe_off[1])
         .hypot(irregular_s);
+    // Other steps are not typical of a wearer.
+    let usual_toe_off_s = expected.usual_toe_off_s.filter(|_| expected.is_regular);
     Lift {
         heel_off: event(
             [heel_off[0], heel_sigma_s],
             lifting.iter().any(|own| own.time_s > last_s),
         ),
         toe_off: event(toe_off, shown(toe_off[0])),
-        shares: expected.usual_toe_off_s.map(|usual_s| {
+        shares: usual_toe_off_s.map(|usual_s| {
             let lifted_s = heel_off[0] - strikes.own[index].heel_strike.time_s;
             let later_s = toe_off[0] - usual_s;
             [[later_s, toe_off[1]], [lifted_s, heel_off[1]]].map(|own| own.map(|s| s / stride_s))
@@ -294,8 +311,10 @@ fn expected(
     let stance = &foot.stances[index];
     let (strike, last_s) = (own[index].heel_strike, seconds(stance.times_ns[1]));
     let next = own.get(index + 1).map(|next| next.heel_strike);
-    // Later ones are those of other steps.
-    let next = next.filter(|next| next.time_s - last_s < MAX_NEXT_S);
+    // Later and farther ones are those of other steps.
+    let is_one_stride =
+        (foot.stances.get(index + 1)).is_some_and(|after| is_one_stride(stance, after));
+    let next = next.filter(|next| is_one_stride && next.time_s - last_s < MAX_NEXT_S);
     let stride_s = next.map(|next| next.time_s - strike.time_s);
     let speed = next.zip(foot.stances.get(index + 1)).map(|(next, after)| {
         let step = after.world_from_foot.translation() - stance.world_from_foot.translation();
@@ -303,7 +322,7 @@ fn expected(
     });
     let latest_s = next.map_or(f64::INFINITY, |next| next.time_s - MIN_SWING_S);
     let [[later, later_sigma], [lift_share, lift_sigma]] = habit.shares;
-    let usual_share = bearing_share(speed.unwrap_or(1.2));
+    let [usual_share, run_sigma] = bearing_share(speed.unwrap_or(1.2));
     let share = usual_share + later;
     let is_regular = stride_s.zip(speed).zip(strikes.usual_stride_s).is_some_and(
         |((stride_s, speed), usual_s)| {
@@ -314,7 +333,8 @@ fn expected(
     let later_sigma = match is_regular {
         true => later_sigma,
         false => later_sigma.hypot(IRREGULAR_SHARE),
-    };
+    }
+    .hypot(run_sigma);
     let (toe_off, usual_toe_off_s) = match (stride_s, strikes.next_of_other(strike.time_s)) {
         (Some(stride_s), Some(other))
             if other.time_s < latest_s && other.time_s < last_s + MAX_OTHER_S =>

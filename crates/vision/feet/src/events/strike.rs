@@ -3,7 +3,8 @@
 //! Contract: before the strike the heel approaches the place where it then rests, and the foot has
 //! the pitch with which it strikes; after it the heel is there, and the pitch falls to zero until
 //! the whole sole bears. Speed and deceleration of the approach, pitch and duration of the roll are
-//! unknown within what is usual. The strike is the mean of its distribution over time.
+//! unknown within what is usual; after short steps a foot comes down more slowly and flatter. The
+//! strike is the mean of its distribution over time.
 
 use nalgebra::Vector3;
 
@@ -18,15 +19,18 @@ use crate::stance::Stance;
 
 /// Error of a distance of the heel besides that of the pose, m, and of a pitch, rad: shoes bend and
 /// slide at the strike.
-const HEEL_SIGMA_M: f64 = 0.006;
+const HEEL_SIGMA_M: f64 = 0.004;
 const PITCH_SIGMA: f64 = 0.02;
 /// Error of a time besides those: feet strike in other ways than this model's, s; those of people
-/// who run do so flat or on the toe.
+/// who run do so flat or on the toe. From `FAST_SPEED` on, m/s, the latter grows to its value at
+/// `RUN_SPEED`.
 const MODEL_SIGMA_S: f64 = 0.006;
 const RUN_SIGMA_S: f64 = 0.02;
+const FAST_SPEED: f64 = 1.5;
 /// The same of the time from which on the whole sole bears, which shoes and ground make less sharp,
-/// s.
+/// s, and of people who run, who may land with the whole sole.
 const FLAT_SIGMA_S: f64 = 0.01;
+const RUN_FLAT_SIGMA_S: f64 = 0.025;
 /// Speed from which on people run, m/s.
 pub(super) const RUN_SPEED: f64 = 2.0;
 /// How much the pitch may differ from that of the strike before it, rad/s.
@@ -37,10 +41,18 @@ const MIN_LIFTED_S: f64 = 0.3;
 const MAX_HIDDEN_S: f64 = 0.5;
 /// The same where no frame shows either foot, s.
 const MAX_UNSEEN_S: f64 = 4.0;
+/// Standard deviations of what steps around a strike say within which it is searched.
+const PRIOR_SIGMAS: f64 = 4.0;
 /// Time after the first frame at rest in which frames still tell the strike, s.
 const AFTER_S: f64 = 0.1;
+/// Time after the first frame at rest in which the foot may strike, s: it is near its place then.
+const LATE_S: f64 = 0.06;
+/// Length of a stride from which on feet strike as usual, m.
+const WHOLE_STRIDE_M: f64 = 1.0;
 /// Durations of the roll that are tried, in its standard deviations.
 const ROLLS: [f64; 7] = [-1.8, -1.2, -0.6, 0.0, 0.6, 1.2, 1.8];
+/// Least duration of a roll, s.
+const MIN_ROLL_S: f64 = 0.02;
 /// Standard deviation of a strike whose motion is typical, s.
 const SURE_S: f64 = 0.02;
 
@@ -52,6 +64,8 @@ pub(super) struct Strike {
     motion: Motion,
     /// Duration of the roll and its standard deviation, s.
     roll_s: [f64; 2],
+    /// Whether it ends a whole stride.
+    is_typical: bool,
 }
 
 /// How a wearer usually strikes.
@@ -69,12 +83,13 @@ impl StrikeHabit {
         })
     }
 
-    /// That of a wearer, from strikes of which those that are sure count.
+    /// That of a wearer, from strikes of which those after whole strides that are sure count.
     pub(super) fn learned<'a>(
         strikes: impl Iterator<Item = &'a Strike>,
         config: &EventConfig,
     ) -> Self {
         let sure: Vec<&Strike> = strikes
+            .filter(|own| own.is_typical)
             .filter(|own| own.heel_strike.is_seen && own.heel_strike.sigma_s < SURE_S)
             .collect();
         Self::of(config, |k, usual| {
@@ -86,6 +101,20 @@ impl StrikeHabit {
             let estimates = estimates.filter_map(|own: [f64; 2]| without_prior(own, prior));
             typical([usual[0], usual[1]], usual[2], estimates)
         })
+    }
+
+    /// That of a stride of which this is the share of a whole one.
+    fn after(&self, share: f64) -> Self {
+        Self {
+            motion: Habit {
+                mean: self
+                    .motion
+                    .mean
+                    .component_mul(&Vector3::new(share, 1.0, share)),
+                sigma: self.motion.sigma,
+            },
+            roll_s: [share * self.roll_s[0], self.roll_s[1]],
+        }
     }
 
     fn of(config: &EventConfig, habit: impl Fn(usize, [f64; 3]) -> [f64; 2]) -> Self {
@@ -130,6 +159,8 @@ pub(super) fn strike(
     };
     let approach = approach(foot, stance, (last_s, first_s), config);
     let is_seen = approach.iter().any(|own| own.time_s < first_s);
+    let share = stride_share(foot, index);
+    let habit = habit.after(share);
     let [roll_s, roll_sigma_s] = habit.roll_s;
     let is_displaced = index
         .checked_sub(1)
@@ -146,15 +177,23 @@ pub(super) fn strike(
         Some([from_s, _]) => reach_s.max((first_s - from_s).min(MAX_UNSEEN_S)),
         None => reach_s,
     };
+    // The steps around it may say that it was hidden for longer.
+    let reach_s = match prior.filter(|_| !is_seen) {
+        Some([mean_s, sigma_s]) => {
+            let expected_s = first_s - roll_s - (mean_s - PRIOR_SIGMAS * sigma_s);
+            reach_s.max(expected_s.min(MAX_UNSEEN_S))
+        }
+        None => reach_s,
+    };
     let earliest_s =
         (first_s - reach_s - roll_s).max((last_s + MIN_LIFTED_S).min(first_s - roll_s));
-    let times = (0..).map(|n| first_s - STEP_S * f64::from(n));
+    let times = (0..).map(|n| first_s + LATE_S - STEP_S * f64::from(n));
     let times: Vec<f64> = times.take_while(|t| *t > earliest_s).collect();
     let mut cases = Vec::with_capacity(times.len() * ROLLS.len());
     for &time_s in &times {
         let by_gait = prior.map_or(0.0, |prior| log_normal(time_s, prior));
         for roll in ROLLS {
-            let seconds = (roll_s + roll * roll_sigma_s).max(0.02);
+            let seconds = (roll_s + roll * roll_sigma_s).max(MIN_ROLL_S);
             let rows = rows(&approach, [time_s, seconds]);
             let Some(motion) = fit(&rows, &habit.motion) else {
                 continue;
@@ -169,17 +208,21 @@ pub(super) fn strike(
     let Some(weights) = weights(&logs) else {
         return unknown(first_s, roll_s, roll_s);
     };
-    let model_sigma_s = match speed(foot, index) > RUN_SPEED {
-        true => RUN_SIGMA_S,
-        false => MODEL_SIGMA_S,
-    };
+    let running = (speed(foot, index) - FAST_SPEED) / (RUN_SPEED - FAST_SPEED);
+    let of_run = |walking: f64, run: f64| walking + running.clamp(0.0, 1.0) * (run - walking);
+    let model_sigma_s = of_run(MODEL_SIGMA_S, RUN_SIGMA_S);
+    let flat_sigma_s = of_run(FLAT_SIGMA_S, RUN_FLAT_SIGMA_S);
     let event = |[time_s, sigma_s]: [f64; 2], is_seen| Event {
         time_s,
         sigma_s: sigma_s.hypot(model_sigma_s),
         is_seen,
     };
     let time = moments(|k| cases[k].0, &weights);
-    let flat = moments(|k| (cases[k].0 + cases[k].1).min(first_s), &weights);
+    let flat_s = |k: usize| {
+        let (strike_s, roll_s, ..) = cases[k];
+        (strike_s + roll_s).min(first_s.max(strike_s))
+    };
+    let flat = moments(flat_s, &weights);
     let of = |of: fn(&Motion) -> Vector3<f64>| {
         let terms = cases.iter().zip(&weights);
         terms.fold(Vector3::zeros(), |sum, (case, w)| sum + of(&case.2) * *w)
@@ -188,14 +231,25 @@ pub(super) fn strike(
     let squares = of(|own| own.variance + own.mean.component_mul(&own.mean));
     Strike {
         heel_strike: event(time, is_seen),
-        foot_flat: event([flat[0].max(time[0]), flat[1].hypot(FLAT_SIGMA_S)], is_seen),
+        foot_flat: event([flat[0].max(time[0]), flat[1].hypot(flat_sigma_s)], is_seen),
         motion: Motion {
             mean,
             variance: squares - mean.component_mul(&mean),
             log: 0.0,
         },
         roll_s: moments(|k| cases[k].1, &weights),
+        is_typical: share >= 1.0,
     }
+}
+
+/// Length of the stride before a stance as a share of a whole one, at most 1.
+fn stride_share(foot: &FootStances<'_>, index: usize) -> f64 {
+    let before = index.checked_sub(1).map(|k| &foot.stances[k]);
+    before.map_or(1.0, |before| {
+        let [from, to] =
+            [before, &foot.stances[index]].map(|own| own.world_from_foot.translation());
+        ((to - from).norm() / WHOLE_STRIDE_M).min(1.0)
+    })
 }
 
 /// Speed of a foot over the step before a stance and the one after it, the greater one, m/s.
@@ -220,6 +274,7 @@ fn unknown(first_s: f64, roll_s: f64, sigma_s: f64) -> Strike {
         foot_flat: event(first_s),
         motion: Motion::default(),
         roll_s: [roll_s; 2],
+        is_typical: false,
     }
 }
 

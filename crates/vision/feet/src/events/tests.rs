@@ -233,3 +233,92 @@ fn events_beside_missing_frames_are_as_uncertain_as_they_are() {
     assert!(errors.len() > 8, "{errors:?}");
     assert!(errors.iter().all(|own| own.abs() < 3.0), "{errors:?}");
 }
+
+/// At rest at 0 m and then at `place_m`, in frames of these times, s.
+fn two_rests(place_m: f64, times: [std::ops::Range<i64>; 2]) -> Vec<FootObservation> {
+    let covariance = Covariance::from_sigmas([0.003; 3], [0.015; 3]).unwrap();
+    let [first, second] = times.map(|range| range.map(|n| n * 33_333_333));
+    let both = first
+        .map(|ns| (ns, 0.0))
+        .chain(second.map(|ns| (ns, place_m)));
+    both.map(|(time_ns, x)| FootObservation {
+        time_ns,
+        world_from_foot: RigidTransform::from_translation_m([x, 0.0, 0.0]).unwrap(),
+        covariance,
+    })
+    .collect()
+}
+
+#[test]
+fn a_strike_is_where_the_steps_around_it_say_however_long_the_foot_was_hidden() {
+    let config = GaitConfig::default();
+    // At rest until 0.3 s, and shown again from 2 s on.
+    let observations = two_rests(1.4, [0..10, 60..90]);
+    let stances = stances(&observations, &config.stance);
+    let foot = FootStances {
+        observations: &observations,
+        stances: &stances,
+        sole: SOLE,
+    };
+    let habit = StrikeHabit::generic(&config.events);
+    for expected_s in [0.8, 1.2, 1.7] {
+        let prior = (Some([expected_s, 0.03]), None);
+        let found = strike(&foot, 1, prior, &habit, &config.events).heel_strike;
+        assert!((found.time_s - expected_s).abs() < 0.01, "{found:?}");
+        assert!((0.025..0.04).contains(&found.sigma_s), "{found:?}");
+    }
+}
+
+#[test]
+fn events_of_people_who_run_are_less_certain() {
+    let config = GaitConfig::default();
+    let sigma_s = |place_m: f64| {
+        let observations = two_rests(place_m, [0..10, 25..40]);
+        let stances = stances(&observations, &config.stance);
+        let foot = FootStances {
+            observations: &observations,
+            stances: &stances,
+            sole: SOLE,
+        };
+        let habit = StrikeHabit::generic(&config.events);
+        let found = strike(&foot, 1, (Some([0.75, 0.01]), None), &habit, &config.events);
+        found.heel_strike.sigma_s
+    };
+    assert!(sigma_s(1.0) < 0.015 && sigma_s(1.9) > 0.019);
+    let [walking, of_walk] = lift::bearing_share(1.3);
+    let [running, of_run] = lift::bearing_share(2.6);
+    let [_, between] = lift::bearing_share(2.0);
+    assert!(walking > 0.58 && of_walk < 0.02 && running < 0.4);
+    assert!(between > of_run, "{between} {of_run}");
+}
+
+#[test]
+fn habits_are_not_learned_from_irregular_steps() {
+    let config = GaitConfig::default();
+    let begins = [0.1, 0.1 + 0.5 * STRIDE_S];
+    let mut seen = begins.map(|begin| foot(begin, 15.0, 0.003, 5));
+    // Both stand for three seconds more before they walk.
+    for own in &mut seen {
+        for frame in own.iter_mut().skip(4) {
+            frame.time_ns += 3_000_000_000;
+        }
+    }
+    let found = [0, 1].map(|k: usize| stances(&seen[k], &config.stance));
+    let feet = [0, 1].map(|k: usize| FootStances {
+        observations: &seen[k],
+        stances: &found[k],
+        sole: SOLE,
+    });
+    let both = contacts(feet, &RigHeights::default(), &config.events);
+    for (contacts, begin) in both.iter().zip(begins) {
+        for contact in &contacts[2..contacts.len() - 2] {
+            let since = contact.heel_strike.time_s - begin - 3.0;
+            let strike_s = begin + 3.0 + (since / STRIDE_S).round() * STRIDE_S;
+            let error = contact.toe_off.time_s - strike_s - BEARING_S;
+            assert!(
+                error.abs() < 2.0 * contact.toe_off.sigma_s,
+                "{error} {contact:?}"
+            );
+        }
+    }
+}

@@ -158,3 +158,58 @@ fn frames_with_a_wrong_tilt_about_their_tag_divide_no_stance() {
     let found = stances(&roll.collect::<Vec<_>>(), &config());
     assert!(found.is_empty(), "{found:?}");
 }
+
+#[test]
+fn a_foot_that_steps_on_the_spot_has_a_stance_for_each_step() {
+    let on_the_spot = |t: f64| {
+        let phase = t % 1.2;
+        let swing = ((phase - 0.7) / 0.5).max(0.0);
+        Some((
+            [0.0, 0.0, 0.05 * (std::f64::consts::PI * swing).sin()],
+            [0.0; 3],
+        ))
+    };
+    for seed in 0..10 {
+        let found = stances(&observed(6.0, seed, on_the_spot), &config());
+        assert_eq!(found.len(), 5, "{seed}: {found:?}");
+        for stance in &found {
+            assert!(stance.world_from_foot.translation().z.abs() < 0.01);
+        }
+    }
+}
+
+/// A fit tells where the middle of a tag is across its rays to a hundredth of a millimeter, and
+/// along them to a third of one.
+#[test]
+fn frames_of_a_foot_that_lifts_do_not_displace_its_stance() {
+    let foot_from_tag = RigidTransform::from_translation_m([0.06, 0.0, 0.09]).unwrap();
+    let of_tag = Covariance::from_sigmas([1e-5, 1e-5, 5e-4], [0.02, 0.02, 0.008]).unwrap();
+    let frames = (0..26).map(|n| {
+        // The last one is seen in another direction, in which others say little.
+        let ray = match n {
+            25 => [0.5, 0.0, 0.0],
+            _ => [0.0; 3],
+        };
+        let ray = RigidTransform::from_rotation_vector(ray, [0.0; 3]);
+        let ray = foot_from_tag * ray.unwrap();
+        let covariance = of_tag.moved(&ray);
+        let lifted = f64::from((n - 20_i32).max(0));
+        let turn = [-0.035 * lifted, 0.035 * lifted, 0.0];
+        let at = match n {
+            25 => [0.007, 0.0, 0.022],
+            _ => [0.001 * lifted, 0.0005 * lifted, 0.005 * lifted],
+        };
+        FootObservation {
+            time_ns: i64::from(n) * 33_333_333,
+            world_from_foot: RigidTransform::from_rotation_vector(turn, at).unwrap(),
+            covariance,
+        }
+    });
+    let frames: Vec<FootObservation> = frames.collect();
+    let error = motion(&RigidTransform::identity(), &mean(&frames, &config()).0);
+    let [distance, angle] = sizes(&error);
+    assert!(distance < 0.003 && angle < 0.02, "{error}");
+    let found = stances(&frames, &config());
+    assert_eq!(found.len(), 1, "{found:?}");
+    assert!(found[0].observations.end >= 20, "{found:?}");
+}
