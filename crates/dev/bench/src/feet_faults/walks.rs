@@ -53,7 +53,7 @@ pub(super) const WALKS: [Walk; 2] = [
     Walk {
         name: "pavement",
         scene: Kind::Pavement,
-        seed: 751,
+        seed: 771,
         begin_s: 0.0,
         long_s: 22.0,
         has_plane_ground: true,
@@ -62,7 +62,7 @@ pub(super) const WALKS: [Walk; 2] = [
     Walk {
         name: "stairs",
         scene: Kind::Stairs,
-        seed: 752,
+        seed: 772,
         begin_s: 4.0,
         long_s: 10.0,
         has_plane_ground: false,
@@ -72,15 +72,15 @@ pub(super) const WALKS: [Walk; 2] = [
 /// Parts of the pavement with another gait.
 pub(super) const JOG: Walk = Walk {
     begin_s: 22.0,
-    ..other(0, 753)
+    ..other(0, 773)
 };
 pub(super) const STUMBLE: Walk = Walk {
     begin_s: 32.0,
-    ..other(0, 754)
+    ..other(0, 774)
 };
 
 /// Walks without a fault beside the same references.
-pub(super) const OTHERS: [Walk; 4] = [other(0, 761), other(0, 762), other(1, 763), other(1, 764)];
+pub(super) const OTHERS: [Walk; 4] = [other(0, 781), other(0, 782), other(1, 783), other(1, 784)];
 
 const fn other(of: usize, seed: u64) -> Walk {
     Walk {

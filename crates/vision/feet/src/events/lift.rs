@@ -291,7 +291,10 @@ pub(super) fn lift(
             [heel_off[0], heel_sigma_s],
             lifting.iter().any(|own| own.time_s > last_s),
         ),
-        toe_off: event(toe_off, shown(toe_off[0])),
+        toe_off: event(
+            [toe_off[0], toe_off[1].hypot(irregular_s)],
+            shown(toe_off[0]),
+        ),
         shares: usual_toe_off_s.map(|usual_s| {
             let lifted_s = heel_off[0] - strikes.own[index].heel_strike.time_s;
             let later_s = toe_off[0] - usual_s;
