@@ -2,8 +2,8 @@
 //!
 //! Contract: rendering takes most of the time of the benchmark, so that a run can keep what it has
 //! rendered in a folder: a file of gray levels, left and right image of each frame, and one with
-//! what goes with them. A later run reads them if both are there, whatever has changed since in the
-//! simulator: remove the folder then.
+//! what goes with them. A later run with the same rig, walk and seed reads them if both are there,
+//! whatever has changed since in the simulator: remove the folder then.
 
 use std::fs::{self, File};
 use std::io::{BufReader, BufWriter, Read as _, Write as _};
@@ -67,7 +67,8 @@ pub(super) fn are_kept(folder: &Path, rig: &FeetRig, walk: &Walk) -> bool {
 /// Files of the frames of a walk and of their gray levels.
 fn paths(folder: &Path, rig: &FeetRig, walk: &Walk) -> [PathBuf; 2] {
     let name = walk.name.replace([' ', ','], "_");
-    ["json", "gray"].map(|end| folder.join(format!("{}-{name}.{end}", rig.name)))
+    let stem = format!("{}-{name}-{}", rig.name, walk.seed);
+    ["json", "gray"].map(|end| folder.join(format!("{stem}.{end}")))
 }
 
 /// Renders all frames into files.

@@ -17,7 +17,7 @@ pub(super) struct Walk {
     pub(super) name: &'static str,
     scene: Kind,
     pub(super) light: Lighting,
-    seed: u64,
+    pub(super) seed: u64,
     /// Beginning of the recorded part, s.
     pub(super) begin_s: f64,
     /// A wearer with another gait than the simulator's own.
