@@ -37,6 +37,10 @@ pub(crate) const EXAMPLES: Table = &[
                 "paws-scene export scene --format mjcf --out ground",
                 "the ground for MuJoCo",
             ),
+            (
+                "paws-scene export scene --format splat-ply --out walk.ply",
+                "the Gaussians for viewers",
+            ),
         ],
     ),
     (

@@ -30,6 +30,7 @@ mod nerfstudio;
 mod obj;
 mod options;
 mod posed_images;
+mod splats;
 mod summary;
 mod terrain_mesh;
 mod usda;
@@ -77,11 +78,17 @@ pub enum Format {
     HeightGeotiff,
     /// A folder with `model.xml` and the height fields of the collision geometry.
     Mjcf,
+    /// One file, the Gaussians, as 3DGS writes them.
+    SplatPly,
+    /// One file, the Gaussians, compressed.
+    Spz,
+    /// One file, the Gaussians with one color each.
+    Splat,
 }
 
 impl Format {
     /// All of them.
-    pub const ALL: [Self; 17] = [
+    pub const ALL: [Self; 20] = [
         Self::Tum,
         Self::Kitti,
         Self::Euroc,
@@ -99,6 +106,9 @@ impl Format {
         Self::GridMap,
         Self::HeightGeotiff,
         Self::Mjcf,
+        Self::SplatPly,
+        Self::Spz,
+        Self::Splat,
     ];
 
     /// Its name on the command line.
@@ -121,6 +131,9 @@ impl Format {
             Self::GridMap => "grid-map",
             Self::HeightGeotiff => "height-geotiff",
             Self::Mjcf => "mjcf",
+            Self::SplatPly => "splat-ply",
+            Self::Spz => "spz",
+            Self::Splat => "splat",
         }
     }
 
@@ -142,6 +155,7 @@ impl Format {
             }
             Self::MapServer | Self::GridMap | Self::HeightGeotiff => &[outputs::MAPS],
             Self::Mjcf => &[outputs::COLLISION],
+            Self::SplatPly | Self::Spz | Self::Splat => &[outputs::SPLATS],
         }
     }
 
@@ -395,6 +409,7 @@ pub fn export(
         Format::GridMap => grid_map::export(scene, out)?,
         Format::HeightGeotiff => height_geotiff::export(scene, out)?,
         Format::Mjcf => mjcf::export(scene, out)?,
+        Format::SplatPly | Format::Spz | Format::Splat => splats::export(scene, format, out)?,
     };
     let outdated = scene.manifest().outdated();
     for name in format.outputs(options.causal) {

@@ -14,6 +14,7 @@ pub mod keyframes;
 pub mod maps;
 pub mod masks;
 pub mod rig;
+pub mod splats;
 pub mod tag_detections;
 pub mod terrain;
 pub mod tracks;
@@ -60,6 +61,8 @@ pub const TERRAIN: &str = "terrain";
 pub const MAPS: &str = "maps";
 /// Convex parts and height layers for physics.
 pub const COLLISION: &str = "collision";
+/// The scene as 3D Gaussians.
+pub const SPLATS: &str = "splats";
 
 pub(crate) fn write_json(
     draft: &Draft,

@@ -8,7 +8,7 @@ use cad_transforms::rig::Foot;
 use chrono::{DateTime, SecondsFormat};
 use scene_bundle::outputs::feet::FootStatus;
 use scene_bundle::outputs::{
-    self, cloud, contacts, depth, feet, keyframes, rig, tag_detections, trajectory,
+    self, cloud, contacts, depth, feet, keyframes, rig, splats, tag_detections, trajectory,
 };
 use scene_bundle::{BundleError, Scene, Status, Trajectory};
 use serde_json::{Value, json};
@@ -199,6 +199,23 @@ fn facts_of(scene: &Scene, name: &str) -> Result<Value, BundleError> {
         outputs::TERRAIN => ground::of_terrain(&reader)?,
         outputs::MAPS => ground::of_maps(&reader)?,
         outputs::COLLISION => ground::of_collision(&reader)?,
+        outputs::SPLATS => {
+            let scene = splats::read(&reader)?;
+            for number in 0..scene.sectors.len() {
+                splats::read_sector(&reader, &scene, number)?;
+            }
+            splats::read_sky(&reader, &scene)?;
+            let held_out = scene.held_out();
+            json!({
+                "gaussians": scene.count(),
+                "sectors": scene.sectors.len(),
+                "degree": scene.degree,
+                "views": scene.views.len(),
+                "steps": scene.training.steps,
+                "held_out_psnr_db": held_out.map(|mean| (mean.psnr_db * 100.0).round() / 100.0),
+                "held_out_ssim": held_out.map(|mean| (mean.ssim * 1e4).round() / 1e4),
+            })
+        }
         outputs::CLOUD => json!({ "points": cloud::read(&reader)?.len() }),
         _ => Value::Null,
     })

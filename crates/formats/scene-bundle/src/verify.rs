@@ -89,6 +89,7 @@ pub fn verify(scene: &Scene, mut progress: impl FnMut(u64)) -> Result<VerifyRepo
         layout::LOCK,
         layout::STAGE_TIMINGS,
         layout::PAGE,
+        layout::SPLATS_CHECKPOINT,
     ];
     let mut named = BTreeSet::from(known.map(str::to_owned));
     for (name, output) in &scene.manifest().outputs {

@@ -1,37 +1,14 @@
 //! Errors of scenes, cameras, renderers and training.
 
+use gaussians::GaussianError;
+
 /// Reasons why a scene, a camera or a training cannot be used.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum SplatError {
-    /// A parameter is NaN or infinite: the file or the optimizer that it comes from is broken.
-    #[error("the {parameter} of Gaussian {index} is not a finite number")]
-    NotFinite {
-        /// Index of the Gaussian.
-        index: usize,
-        /// Name of the parameter.
-        parameter: &'static str,
-    },
-    /// A rotation of length zero has no direction.
-    #[error("the rotation of Gaussian {index} is a quaternion of length 0 or not finite")]
-    ZeroRotation {
-        /// Index of the Gaussian.
-        index: usize,
-    },
-    /// Harmonics of a higher degree than any renderer evaluates.
-    #[error("spherical harmonics of degree {found}, expected 0 to 3")]
-    Degree {
-        /// Degree as found.
-        found: usize,
-    },
-    /// The planes are not those of the degree, or have different lengths.
-    #[error("planes of {lengths:?} values, expected {expected} planes of one length")]
-    Planes {
-        /// Length of each plane.
-        lengths: Vec<usize>,
-        /// Number of planes of this degree.
-        expected: usize,
-    },
+    /// The Gaussians are invalid.
+    #[error(transparent)]
+    Gaussians(#[from] GaussianError),
     /// The map of the sky has another size, or values that are not finite.
     #[error(
         "a sky of {texels} texels with an edge of {size}, expected 2 to 4096 squared finite ones"
@@ -80,6 +57,12 @@ pub enum SplatError {
         /// Step.
         step: usize,
         /// What is not finite.
+        reason: String,
+    },
+    /// A checkpoint is not one of this training: start from the beginning.
+    #[error("the checkpoint of a training cannot be used: {reason}")]
+    Checkpoint {
+        /// What is wrong, with the values found.
         reason: String,
     },
 }

@@ -4,14 +4,9 @@
 //! Gaussian, in the world. Constants: the real harmonics of a unit sphere (e.g. Sloan, Stupid
 //! Spherical Harmonics Tricks, 2008), with the Condon-Shortley phase.
 
-pub(crate) mod monomials;
-
-use nalgebra::{DMatrix, UnitQuaternion, Vector3};
+use gaussians::harmonics::CONSTANT;
 
 use crate::lanes::Lanes;
-
-/// `Y_0`, the constant harmonic: `1 / (2 √π)`.
-pub(crate) const CONSTANT: f32 = 0.282_094_8;
 
 const Y1: f32 = 0.488_602_5;
 const Y2: [f32; 5] = [
@@ -30,16 +25,6 @@ const Y3: [f32; 7] = [
     1.445_305_7,
     -0.590_043_6,
 ];
-
-/// The coefficient of the constant harmonic of a color that is the same from all sides.
-pub(crate) fn from_color(color: f32) -> f32 {
-    (color - 0.5) / CONSTANT
-}
-
-/// The color of a coefficient of the constant harmonic, where no other is present.
-pub(crate) fn to_color(coefficient: f32) -> f32 {
-    coefficient * CONSTANT + 0.5
-}
 
 /// Values of the harmonics in eight unit directions; those above the degree are 0.
 #[inline(always)]
@@ -128,24 +113,4 @@ pub(crate) fn gradient<V: Lanes>([x, y, z]: [V; 3], weight: &[V; 16], degree: us
         + h[4] * eight * xz
         + h[5] * (xx - yy);
     out
-}
-
-/// Coefficients of the harmonics of one degree after a rotation of the scene, from those before.
-pub(crate) fn rotation_of_band(degree: usize, turn: &UnitQuaternion<f64>) -> DMatrix<f64> {
-    let (first, size) = (degree * degree, 2 * degree + 1);
-    let directions: Vec<Vector3<f64>> = (0..size).map(spiral).collect();
-    let values = |turn: &UnitQuaternion<f64>| {
-        DMatrix::from_fn(size, size, |row, k| {
-            monomials::values(turn * directions[row], first + size)[first + k].0
-        })
-    };
-    let after = values(turn).try_inverse();
-    after.expect("a band has full rank in these directions") * values(&UnitQuaternion::identity())
-}
-
-/// Directions in which the harmonics of degrees 1 to 3 are independent.
-fn spiral(k: usize) -> Vector3<f64> {
-    let (z, angle) = (0.9 - 0.23 * k as f64, 2.4 * k as f64);
-    let radius = (1.0_f64 - z * z).sqrt();
-    Vector3::new(radius * libm::cos(angle), radius * libm::sin(angle), z)
 }

@@ -56,7 +56,6 @@
 mod camera;
 mod config;
 mod error;
-pub mod files;
 mod harmonics;
 mod lanes;
 pub mod reference;
@@ -67,13 +66,15 @@ mod train;
 pub use camera::{Camera, Shutter};
 pub use config::RenderConfig;
 pub use error::SplatError;
+pub use gaussians::{GaussianError, files};
 pub use lanes::Level;
 pub use render::{
     DetailConfig, DetailScene, Gradients, Image, ImageGradient, Pass, RenderStats, Renderer,
 };
 pub use scene::{Background, Exposure, MAX_DEGREE, Plane, Scene, Sky, Splat, Splats, coefficients};
 pub use train::{
-    Evaluation, ExposureConfig, GrowthCheck, GrowthConfig, LossConfig, OptimizerConfig, PoseConfig,
-    Preset, StartPoint, StepReport, TrainConfig, TrainReport, Trainer, TrainingView, psnr_db,
+    Evaluation, ExposureConfig, GrowthByNeed, GrowthCheck, GrowthConfig, LossConfig,
+    MAX_VOXELS_PER_POINT, OptimizerConfig, PoseConfig, Preset, StartConfig, StartPoint, StepReport,
+    TrainConfig, TrainReport, Trainer, TrainingView, points_from_views, psnr_db,
     splats_from_points, train,
 };

@@ -6,12 +6,14 @@
 mod exposure;
 mod morton;
 mod sky;
-mod splats;
+
+#[cfg(test)]
+mod tests;
 
 pub use exposure::Exposure;
+pub use gaussians::{MAX_DEGREE, Plane, Splat, Splats, coefficients};
 pub(crate) use morton::morton_order;
 pub use sky::Sky;
-pub use splats::{MAX_DEGREE, Plane, Splat, Splats, coefficients};
 
 /// A scene.
 #[derive(Clone, Debug, PartialEq)]

@@ -5,6 +5,7 @@
 //! of a schedule; [`train`] decides by held-out views how many of them the scene needs.
 
 mod adam;
+mod codec;
 mod config;
 mod evaluate;
 mod exposures;
@@ -23,7 +24,9 @@ pub use config::{
     ExposureConfig, GrowthConfig, LossConfig, OptimizerConfig, PoseConfig, Preset, TrainConfig,
 };
 pub use evaluate::{Evaluation, psnr_db};
-pub use need::{GrowthCheck, TrainReport, train};
-pub use start::{StartPoint, splats_from_points};
+pub use need::{GrowthByNeed, GrowthCheck, TrainReport, train};
+pub use start::{
+    MAX_VOXELS_PER_POINT, StartConfig, StartPoint, points_from_views, splats_from_points,
+};
 pub use trainer::{StepReport, Trainer};
 pub use view::TrainingView;

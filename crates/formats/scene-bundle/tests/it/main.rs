@@ -12,5 +12,6 @@ mod hostile;
 mod interop;
 mod outputs;
 mod sample;
+mod splats;
 mod tracks;
 mod version1;

@@ -5,8 +5,8 @@ use nalgebra::{Matrix2, Matrix2x3, Matrix3, Vector2, Vector3, Vector4};
 use super::scene::Scene;
 use crate::camera::Camera;
 use crate::config::RenderConfig;
-use crate::harmonics::monomials;
 use crate::scene::{Plane, coefficients};
+use gaussians::harmonics;
 
 /// Step of the differences of a distorted lens's Jacobian, as a share of the depth.
 const LENS_STEP: f64 = 1e-5;
@@ -219,7 +219,7 @@ fn color(
     let center = camera.camera_from_world().inverse();
     let offset = scene.position(index) - center.translation();
     let direction = offset.normalize();
-    let values = monomials::values(direction, coefficients(scene.degree));
+    let values = harmonics::values(direction, coefficients(scene.degree));
     let mut color = Vector3::repeat(0.5);
     for ((value, _), f) in values.iter().zip(scene.harmonics(index)) {
         color += f * *value;
@@ -325,7 +325,7 @@ impl Footprint {
     ) -> Vector3<f64> {
         let (_, positive, direction, distance) = color(scene, self.index, camera);
         let gradient = Vector3::from_fn(|c, _| if positive[c] { gradient[c] } else { 0.0 });
-        let values = monomials::values(direction, coefficients(scene.degree));
+        let values = harmonics::values(direction, coefficients(scene.degree));
         let mut by_direction = Vector3::zeros();
         for (k, ((value, slope), f)) in values.iter().zip(scene.harmonics(self.index)).enumerate() {
             for c in 0..3 {

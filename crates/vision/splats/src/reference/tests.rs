@@ -7,8 +7,8 @@ use super::forward::pixels;
 use super::*;
 use crate::camera::{Camera, Shutter};
 use crate::config::RenderConfig;
-use crate::harmonics::monomials;
 use crate::scene::{Exposure, Plane, Sky, Splat, Splats, coefficients};
+use gaussians::harmonics;
 
 /// Random Gaussians in front of a camera at the origin that looks along z.
 pub(crate) fn random_splats(seed: u64, count: usize, degree: usize) -> Splats {
@@ -394,7 +394,7 @@ fn harmonics_are_orthonormal_on_the_sphere() {
         for j in 0..n {
             let a = (j as f64 + 0.5) / n as f64 * std::f64::consts::TAU;
             let r = (1.0 - z * z).sqrt();
-            let y = monomials::values(Vector3::new(r * a.cos(), r * a.sin(), z), 16);
+            let y = harmonics::values(Vector3::new(r * a.cos(), r * a.sin(), z), 16);
             for k in 0..16 {
                 for l in 0..16 {
                     sums[k][l] += y[k].0 * y[l].0 * 4.0 * std::f64::consts::PI / (n * n) as f64;
@@ -409,7 +409,7 @@ fn harmonics_are_orthonormal_on_the_sphere() {
         }
     }
     // The signs of the published files, at a direction without symmetry.
-    let y = monomials::values(Vector3::new(0.48, 0.6, 0.64), 16);
+    let y = harmonics::values(Vector3::new(0.48, 0.6, 0.64), 16);
     assert!(y[1].0 < 0.0 && y[2].0 > 0.0 && y[3].0 < 0.0 && y[9].0 < 0.0 && y[15].0 > 0.0);
     assert_eq!(Plane::count(3), 59);
 }

@@ -1,6 +1,6 @@
 //! Order of Gaussians in memory.
 
-use super::splats::Splats;
+use super::Splats;
 
 /// Indices along a Morton curve over the box of all positions, so that neighbors in space are
 /// neighbors in memory.

@@ -5,7 +5,9 @@
 
 use rayon::prelude::*;
 
+use super::codec::{Codec, State};
 use super::config::OptimizerConfig;
+use crate::error::SplatError;
 use crate::render::Gradients;
 use crate::scene::{Plane, Splats};
 
@@ -101,6 +103,18 @@ impl Adam {
         self.second[plane].fill(0.0);
     }
 
+    /// Whether there are moments and steps of all parameters.
+    pub(super) fn is_of(&self, splats: &Splats) -> bool {
+        let count = splats.len();
+        let fits = |moments: &Vec<Vec<f32>>| {
+            moments.len() == splats.planes().len() && moments.iter().all(|m| m.len() == count)
+        };
+        let steps = self.steps.iter().all(|steps| {
+            steps.len() == count && steps.iter().all(|n| usize::from(*n) <= MAX_STEPS)
+        });
+        fits(&self.first) && fits(&self.second) && steps
+    }
+
     pub(super) fn step(
         &mut self,
         splats: &mut Splats,
@@ -142,6 +156,15 @@ impl Adam {
                     }
                 }
             });
+    }
+}
+
+/// The corrections follow from the configuration.
+impl State for Adam {
+    fn visit(&mut self, codec: &mut Codec<'_>) -> Result<(), SplatError> {
+        self.first.visit(codec)?;
+        self.second.visit(codec)?;
+        self.steps.visit(codec)
     }
 }
 

@@ -2,6 +2,8 @@
 
 use rayon::prelude::*;
 
+use super::config::LossConfig;
+use super::loss::loss;
 use super::view::TrainingView;
 use crate::render::{Image, Renderer};
 use crate::scene::Scene;
@@ -11,6 +13,9 @@ use crate::scene::Scene;
 pub struct Evaluation {
     /// PSNR of each view, dB; [`psnr_db`].
     pub psnr_db: Vec<f64>,
+    /// Mean structural similarity of each view over usable pixels, as in the loss: a window of
+    /// 11x11 pixels with a standard deviation of 1.5, zero beyond the image.
+    pub ssim: Vec<f64>,
     /// Median over the pixels of all views of the relative error of the median depth, where both
     /// are known; NaN without depths.
     pub depth_error: f64,
@@ -22,6 +27,11 @@ impl Evaluation {
         self.psnr_db.iter().sum::<f64>() / self.psnr_db.len() as f64
     }
 
+    /// Mean of the views' structural similarity; NaN without views.
+    pub fn mean_ssim(&self) -> f64 {
+        self.ssim.iter().sum::<f64>() / self.ssim.len() as f64
+    }
+
     /// Lowest PSNR, dB.
     pub fn worst_psnr_db(&self) -> f64 {
         self.psnr_db.iter().copied().fold(f64::INFINITY, f64::min)
@@ -29,21 +39,25 @@ impl Evaluation {
 
     /// Renders all views with their given poses and exposures.
     pub fn new(renderer: &Renderer, scene: &Scene, views: &[TrainingView]) -> Self {
-        let all: Vec<(f64, Vec<f32>)> = views
+        let config = LossConfig::default();
+        let all: Vec<(f64, f64, Vec<f32>)> = views
             .par_iter()
             .map(|view| {
                 let image = renderer.render(scene, &view.camera, &view.exposure);
-                (psnr_db(&image, view), depth_errors(&image, view))
+                let ssim = loss(&image, view, &config, 0.0, renderer.level()).ssim;
+                (psnr_db(&image, view), ssim, depth_errors(&image, view))
             })
             .collect();
-        let mut errors: Vec<f32> = all.iter().flat_map(|(_, errors)| errors).copied().collect();
+        let errors = all.iter().flat_map(|(.., errors)| errors);
+        let mut errors: Vec<f32> = errors.copied().collect();
         let middle = errors.len() / 2;
         let depth_error = match errors.is_empty() {
             true => f64::NAN,
             false => f64::from(*errors.select_nth_unstable_by(middle, f32::total_cmp).1),
         };
         Self {
-            psnr_db: all.into_iter().map(|(psnr, _)| psnr).collect(),
+            psnr_db: all.iter().map(|(psnr, ..)| *psnr).collect(),
+            ssim: all.iter().map(|(_, ssim, _)| *ssim).collect(),
             depth_error,
         }
     }

@@ -1,8 +1,10 @@
 //! Corrections of exposures: one gain per group of images, with a prior.
 
 use super::adam::update;
+use super::codec::{Codec, State};
 use super::config::{ExposureConfig, OptimizerConfig};
 use super::view::TrainingView;
+use crate::error::SplatError;
 use crate::scene::Exposure;
 
 /// Gains by group, in sigmas of their logarithm.
@@ -26,6 +28,10 @@ impl Exposures {
         Self {
             groups: vec![Group::default(); groups],
         }
+    }
+
+    pub(super) fn len(&self) -> usize {
+        self.groups.len()
     }
 
     /// The exposure of a view.
@@ -61,5 +67,20 @@ impl Exposures {
             optimizer,
         );
         group.value -= config.rate * change;
+    }
+}
+
+impl State for Group {
+    fn visit(&mut self, codec: &mut Codec<'_>) -> Result<(), SplatError> {
+        self.value.visit(codec)?;
+        self.first.visit(codec)?;
+        self.second.visit(codec)?;
+        self.steps.visit(codec)
+    }
+}
+
+impl State for Exposures {
+    fn visit(&mut self, codec: &mut Codec<'_>) -> Result<(), SplatError> {
+        self.groups.visit(codec)
     }
 }

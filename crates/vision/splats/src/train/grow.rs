@@ -7,8 +7,10 @@
 //! of themselves with scales / 1.6.
 
 use super::adam::Adam;
+use super::codec::{Codec, State};
 use super::config::GrowthConfig;
 use super::view::TrainingView;
+use crate::error::SplatError;
 use crate::render::Gradients;
 use crate::scene::{Plane, Splat, Splats, morton_order};
 
@@ -58,6 +60,11 @@ impl Growth {
             seed,
             rounds: 0,
         }
+    }
+
+    /// Number of Gaussians.
+    pub(super) fn len(&self) -> usize {
+        self.observed.len()
     }
 
     /// Gathers from the gradients of a view that was reduced by `reduction`.
@@ -191,6 +198,29 @@ impl Growth {
             }
             splat
         })
+    }
+}
+
+impl State for Observed {
+    fn visit(&mut self, codec: &mut Codec<'_>) -> Result<(), SplatError> {
+        self.error_px.visit(codec)?;
+        self.instants.visit(codec)?;
+        let mut is_some = self.last_instant.is_some();
+        let mut instant = self.last_instant.unwrap_or_default();
+        is_some.visit(codec)?;
+        instant.visit(codec)?;
+        self.last_instant = is_some.then_some(instant);
+        self.gradient.visit(codec)?;
+        self.views.visit(codec)?;
+        self.weight_px.visit(codec)
+    }
+}
+
+/// The seed is that of the training.
+impl State for Growth {
+    fn visit(&mut self, codec: &mut Codec<'_>) -> Result<(), SplatError> {
+        self.observed.visit(codec)?;
+        self.rounds.visit(codec)
     }
 }
 

@@ -4,6 +4,7 @@
 //! therefore continues the training twice from the same state, as it is and with a share of the
 //! Gaussians split, for the same steps and on the same views, and compares view by view.
 
+use super::codec::{Codec, State, broken};
 use super::config::TrainConfig;
 use super::evaluate::Evaluation;
 use super::trainer::Trainer;
@@ -14,7 +15,7 @@ use crate::error::SplatError;
 const MIN_VIEWS: usize = 4;
 
 /// A comparison of two scenes that differ in their number of Gaussians.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct GrowthCheck {
     /// Step at which the two trainings parted.
     pub step: usize,
@@ -47,35 +48,161 @@ pub struct TrainReport {
 /// # Errors
 /// Those of [`Trainer::step`].
 pub fn train(trainer: &mut Trainer, held_out: &[TrainingView]) -> Result<TrainReport, SplatError> {
-    let config = *trainer.config();
-    let growth = &config.growth;
-    let mut report = TrainReport::default();
-    let checks = growth.min_gain_db > 0.0 && held_out.len() >= MIN_VIEWS;
-    let ends = (growth.stop * config.steps as f32) as usize;
-    // Number of Gaussians and step of the next check, failed checks in a row.
-    let (mut next_count, mut next_step, mut failed) = (0.0, growth.start.saturating_sub(1), 0);
-    while trainer.steps() < config.steps {
-        let step = trainer.steps();
-        let is_possible = checks
-            && failed < growth.failed_checks
-            && step + growth.check_steps < ends
-            && trainer.is_before_round();
-        let has_grown = failed > 0 || trainer.scene().splats.len() as f32 >= next_count;
-        if is_possible && has_grown && step >= next_step {
-            // The check takes the place of the round, which would forget what was gathered.
-            trainer.set_growth(false);
-            trainer.step()?;
-            let check = check(trainer, held_out, &config)?;
-            next_count = check.splats[0] as f32 * growth.check_factor;
-            next_step = trainer.steps() + 2 * growth.check_steps;
-            failed = if check.continues { 0 } else { failed + 1 };
-            report.checks.push(check);
-        } else {
-            trainer.step()?;
+    let mut growth = GrowthByNeed::new(trainer.config());
+    while trainer.steps() < trainer.config().steps {
+        growth.advance(trainer, held_out)?;
+    }
+    Ok(TrainReport {
+        checks: growth.checks,
+        evaluation: trainer.evaluate(held_out),
+    })
+}
+
+/// Growth by need, for a training that is run step by step and can be stopped and continued.
+///
+/// ```
+/// # use cad_transforms::RigidTransform;
+/// # use camera_models::{CameraModel, Distortion};
+/// # use splats::{Background, Camera, GrowthByNeed, RenderConfig, Scene, Splat, Splats};
+/// # use splats::{TrainConfig, Trainer, TrainingView};
+/// # let model = CameraModel::new((16, 16), [16.0, 16.0, 7.5, 7.5], Distortion::None);
+/// # let camera = Camera::new(model, RigidTransform::identity())?;
+/// # let view = TrainingView::new(camera, vec![200; 3 * 16 * 16], 0);
+/// # let mut splats = Splats::empty(0)?;
+/// # splats.push(&Splat { position_m: [0.0, 0.0, 2.0], ..Splat::sphere(0.5, [0.5; 3]) })?;
+/// # let scene = Scene { splats, background: Background::Constant([0.0; 3]) };
+/// # let mut config = TrainConfig::default();
+/// # config.steps = 20;
+/// let new = || Trainer::new(scene.clone(), vec![view.clone()], config, RenderConfig::default(), 7);
+/// let (mut trainer, mut growth) = (new()?, GrowthByNeed::new(&config));
+/// for _ in 0..10 {
+///     growth.advance(&mut trainer, &[])?;
+/// }
+/// let checkpoint = growth.checkpoint(&trainer)?;
+///
+/// // Another process makes the same trainer from the same views and continues.
+/// let mut resumed = new()?;
+/// let mut resumed_growth = GrowthByNeed::resume(&checkpoint, &mut resumed)?;
+/// for _ in 0..10 {
+///     growth.advance(&mut trainer, &[])?;
+///     resumed_growth.advance(&mut resumed, &[])?;
+/// }
+/// assert_eq!(resumed.scene(), trainer.scene());
+/// # Ok::<(), splats::SplatError>(())
+/// ```
+#[derive(Clone, Debug, PartialEq)]
+pub struct GrowthByNeed {
+    /// Number of Gaussians and step of the next check.
+    next_count: f32,
+    next_step: usize,
+    /// Failed checks in a row.
+    failed: usize,
+    checks: Vec<GrowthCheck>,
+}
+
+impl GrowthByNeed {
+    /// Before the first step.
+    pub fn new(config: &TrainConfig) -> Self {
+        Self {
+            next_count: 0.0,
+            next_step: config.growth.start.saturating_sub(1),
+            failed: 0,
+            checks: Vec::new(),
         }
     }
-    report.evaluation = trainer.evaluate(held_out);
-    Ok(report)
+
+    /// A step, or a check with all its steps.
+    ///
+    /// # Errors
+    /// Those of [`Trainer::step`].
+    pub fn advance(
+        &mut self,
+        trainer: &mut Trainer,
+        held_out: &[TrainingView],
+    ) -> Result<(), SplatError> {
+        let config = *trainer.config();
+        let growth = &config.growth;
+        let checks = growth.min_gain_db > 0.0 && held_out.len() >= MIN_VIEWS;
+        let ends = (growth.stop * config.steps as f32) as usize;
+        let step = trainer.steps();
+        let is_possible = checks
+            && self.failed < growth.failed_checks
+            && step + growth.check_steps < ends
+            && trainer.is_before_round();
+        let has_grown = self.failed > 0 || trainer.scene().splats.len() as f32 >= self.next_count;
+        if !(is_possible && has_grown && step >= self.next_step) {
+            trainer.step()?;
+            return Ok(());
+        }
+        // The check takes the place of the round, which would forget what was gathered.
+        trainer.set_growth(false);
+        trainer.step()?;
+        let check = check(trainer, held_out, &config)?;
+        self.next_count = check.splats[0] as f32 * growth.check_factor;
+        self.next_step = trainer.steps() + 2 * growth.check_steps;
+        self.failed = if check.continues { 0 } else { self.failed + 1 };
+        self.checks.push(check);
+        Ok(())
+    }
+
+    /// The checks so far: the curve of PSNR over the number of Gaussians.
+    pub fn checks(&self) -> &[GrowthCheck] {
+        &self.checks
+    }
+
+    /// The state of a training, to continue it later: views and configuration are not in it.
+    ///
+    /// # Errors
+    /// [`SplatError::Sky`] if the sky is not finite.
+    pub fn checkpoint(&self, trainer: &Trainer) -> Result<Vec<u8>, SplatError> {
+        let mut codec = Codec::Write(Vec::new());
+        self.clone().visit(&mut codec)?;
+        trainer.clone().visit(&mut codec)?;
+        match codec {
+            Codec::Write(bytes) => Ok(bytes),
+            Codec::Read(_) => Ok(Vec::new()),
+        }
+    }
+
+    /// Continues a training. The trainer is one of the same views, configuration and seed; it is
+    /// unchanged on an error.
+    ///
+    /// # Errors
+    /// [`SplatError::Checkpoint`] and those of a scene if the bytes are not the state of such a
+    /// training. Any bytes are accepted.
+    pub fn resume(bytes: &[u8], trainer: &mut Trainer) -> Result<Self, SplatError> {
+        let mut growth = Self::new(trainer.config());
+        let mut codec = Codec::Read(bytes);
+        growth.visit(&mut codec)?;
+        let mut loaded = trainer.clone();
+        loaded.load(&mut codec)?;
+        match codec {
+            Codec::Read([]) => {}
+            _ => return Err(broken("it has more bytes than its training")),
+        }
+        *trainer = loaded;
+        Ok(growth)
+    }
+}
+
+impl State for GrowthByNeed {
+    fn visit(&mut self, codec: &mut Codec<'_>) -> Result<(), SplatError> {
+        self.next_count.visit(codec)?;
+        self.next_step.visit(codec)?;
+        self.failed.visit(codec)?;
+        self.checks.visit(codec)
+    }
+}
+
+impl State for GrowthCheck {
+    fn visit(&mut self, codec: &mut Codec<'_>) -> Result<(), SplatError> {
+        self.step.visit(codec)?;
+        self.splats.visit(codec)?;
+        self.psnr_db.visit(codec)?;
+        self.gain_db.visit(codec)?;
+        self.upper_gain_db.visit(codec)?;
+        self.continues.visit(codec)
+    }
 }
 
 /// Compares both continuations; the trainer becomes the chosen one.

@@ -6,6 +6,7 @@
 use cad_transforms::RigidTransform;
 
 use super::adam::update;
+use super::codec::{Codec, State};
 use super::config::{OptimizerConfig, PoseConfig};
 use crate::camera::Camera;
 use crate::error::SplatError;
@@ -28,6 +29,10 @@ impl Poses {
         Self {
             views: vec![Motion::default(); views],
         }
+    }
+
+    pub(super) fn len(&self) -> usize {
+        self.views.len()
     }
 
     /// The camera of a view at its refined pose.
@@ -70,6 +75,21 @@ impl Poses {
             motion.values[k] -=
                 config.rate * update(first, second, gradient, correction, optimizer);
         }
+    }
+}
+
+impl State for Motion {
+    fn visit(&mut self, codec: &mut Codec<'_>) -> Result<(), SplatError> {
+        self.values.visit(codec)?;
+        self.first.visit(codec)?;
+        self.second.visit(codec)?;
+        self.steps.visit(codec)
+    }
+}
+
+impl State for Poses {
+    fn visit(&mut self, codec: &mut Codec<'_>) -> Result<(), SplatError> {
+        self.views.visit(codec)
     }
 }
 

@@ -1,5 +1,11 @@
 //! The scene at the start of a training: oriented discs where depth was measured.
 
+mod measured;
+
+pub use measured::{MAX_VOXELS_PER_POINT, StartConfig, points_from_views};
+
+use gaussians::GaussianError;
+
 use crate::error::SplatError;
 use crate::scene::{Splat, Splats};
 
@@ -45,7 +51,7 @@ pub struct StartPoint {
 /// ```
 ///
 /// # Errors
-/// [`SplatError::NotFinite`] if a value is not finite or a spacing not above 0.
+/// [`GaussianError::NotFinite`] if a value is not finite or a spacing not above 0.
 pub fn splats_from_points(points: &[StartPoint]) -> Result<Splats, SplatError> {
     let mut splats = Splats::empty(0)?;
     for (index, point) in points.iter().enumerate() {
@@ -53,7 +59,7 @@ pub fn splats_from_points(points: &[StartPoint]) -> Result<Splats, SplatError> {
         let positive = radius > 0.0 && point.sigma_m >= 0.0;
         if !positive {
             let parameter = "spacing or sigma";
-            return Err(SplatError::NotFinite { index, parameter });
+            return Err(GaussianError::NotFinite { index, parameter }.into());
         }
         let mut splat = Splat::sphere(radius, point.color);
         splat.position_m = point.position_m;

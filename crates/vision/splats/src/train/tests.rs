@@ -6,7 +6,7 @@ use crate::camera::Camera;
 use crate::config::RenderConfig;
 use crate::error::SplatError;
 use crate::reference;
-use crate::scene::{Background, Exposure, Scene, Splat, Splats};
+use crate::scene::{Background, Exposure, Scene, Sky, Splat, Splats};
 
 const SIZE: (u32, u32) = (64, 48);
 
@@ -84,7 +84,7 @@ fn start(splats: &Splats, every: usize) -> Scene {
                 spacing_m: 0.25,
                 sigma_m: 0.02,
                 color: std::array::from_fn(|c| {
-                    crate::harmonics::to_color(splat.harmonics[0][c]) * 0.5 + 0.25
+                    gaussians::harmonics::to_color(splat.harmonics[0][c]) * 0.5 + 0.25
                 }),
             }
         })
@@ -374,4 +374,82 @@ fn divergence_is_an_error_and_keeps_the_scene() {
     );
     let planes = trainer.scene().splats.planes().to_vec();
     assert!(Splats::from_planes(trainer.scene().splats.degree(), planes).is_ok());
+}
+
+/// A training with every part of its state in use, with checks of growth.
+fn resumable(truth: &Splats) -> (Trainer, Vec<TrainingView>) {
+    let mut config = config(400);
+    config.degree = 1;
+    config.degree_start = 0.3;
+    (config.poses.refine, config.poses.start) = (true, 20);
+    config.exposure.refine = true;
+    (config.growth.start, config.growth.interval) = (60, 20);
+    (config.growth.min_gain_db, config.growth.check_steps) = (0.01, 20);
+    let mut scene = start(truth, 2);
+    scene.background = Background::Sky(Sky::uniform(8, [0.3; 3]).unwrap());
+    let trainer = trainer(scene, views(truth, 6, 0.0), config);
+    (trainer, noisy(views(truth, 4, 0.37)))
+}
+
+#[test]
+fn a_resumed_training_equals_one_that_was_not_stopped() {
+    let truth = truth(40);
+    let (mut trainer, held_out) = resumable(&truth);
+    let mut growth = GrowthByNeed::new(trainer.config());
+    let mut checkpoints = Vec::new();
+    while trainer.steps() < 400 {
+        if trainer.steps() % 7 == 0 {
+            checkpoints.push(growth.checkpoint(&trainer).unwrap());
+        }
+        growth.advance(&mut trainer, &held_out).unwrap();
+    }
+    let expected = growth.checkpoint(&trainer).unwrap();
+    assert!(growth.checks().len() > 1 && checkpoints.len() > 20);
+    for number in [0, 5, checkpoints.len() / 2, checkpoints.len() - 1] {
+        let (mut resumed, _) = resumable(&truth);
+        let mut growth = GrowthByNeed::resume(&checkpoints[number], &mut resumed).unwrap();
+        while resumed.steps() < 400 {
+            growth.advance(&mut resumed, &held_out).unwrap();
+        }
+        let found = growth.checkpoint(&resumed).unwrap();
+        assert!(found == expected, "checkpoint {number}");
+        assert!(resumed.scene() == trainer.scene());
+    }
+}
+
+#[test]
+fn broken_checkpoints_are_refused_and_change_nothing() {
+    let truth = truth(10);
+    let (mut trainer, held_out) = resumable(&truth);
+    let mut growth = GrowthByNeed::new(trainer.config());
+    for _ in 0..10 {
+        growth.advance(&mut trainer, &held_out).unwrap();
+    }
+    let bytes = growth.checkpoint(&trainer).unwrap();
+    let (mut fresh, _) = resumable(&truth);
+    let before = GrowthByNeed::new(fresh.config())
+        .checkpoint(&fresh)
+        .unwrap();
+    for length in (0..bytes.len()).step_by(13) {
+        assert!(
+            GrowthByNeed::resume(&bytes[..length], &mut fresh).is_err(),
+            "{length}"
+        );
+    }
+    let longer = [&bytes[..], &[0]].concat();
+    assert!(GrowthByNeed::resume(&longer, &mut fresh).is_err());
+    // Lengths beyond the bytes are not allocated.
+    for at in (0..bytes.len() - 8).step_by(17) {
+        let mut damaged = bytes.clone();
+        damaged[at..at + 8].fill(0xff);
+        let _ = GrowthByNeed::resume(&damaged, &mut fresh.clone());
+    }
+    // Of another number of views.
+    let mut other = self::trainer(start(&truth, 2), views(&truth, 3, 0.0), *fresh.config());
+    let error = GrowthByNeed::resume(&bytes, &mut other).unwrap_err();
+    assert!(matches!(error, SplatError::Checkpoint { .. }), "{error}");
+    let after = GrowthByNeed::new(fresh.config())
+        .checkpoint(&fresh)
+        .unwrap();
+    assert!(before == after);
 }

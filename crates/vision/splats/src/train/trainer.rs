@@ -5,6 +5,7 @@ use std::sync::Arc;
 use rayon::prelude::*;
 
 use super::adam::{Adam, Rates, corrections, update};
+use super::codec::{Codec, State, broken};
 use super::config::TrainConfig;
 use super::evaluate::Evaluation;
 use super::exposures::Exposures;
@@ -17,7 +18,7 @@ use crate::camera::Camera;
 use crate::config::RenderConfig;
 use crate::error::SplatError;
 use crate::render::{Gradients, Renderer};
-use crate::scene::{Background, Exposure, Scene, morton_order};
+use crate::scene::{Background, Exposure, Scene, Sky, Splats, morton_order};
 
 /// Smallest radius of a scene, m: cameras may stand at one position.
 const MIN_RADIUS_M: f32 = 0.5;
@@ -165,7 +166,7 @@ impl Trainer {
     ///
     /// # Errors
     /// [`SplatError::Diverged`] if a gradient is not finite: the scene remains as it was before the
-    /// step. [`SplatError::Degree`] from the configuration.
+    /// step. [`SplatError::Gaussians`] from the configuration.
     pub fn step(&mut self) -> Result<StepReport, SplatError> {
         let step = self.steps;
         self.raise_degree(step)?;
@@ -270,6 +271,51 @@ impl Trainer {
     /// If there is no view of this index.
     pub fn exposure(&self, view: usize) -> Exposure {
         self.exposures.of(&self.views[view], &self.config.exposure)
+    }
+
+    /// Passes what changes in a training: the scene, moments, corrections, what was gathered.
+    pub(super) fn visit(&mut self, codec: &mut Codec<'_>) -> Result<(), SplatError> {
+        self.steps.visit(codec)?;
+        self.grows.visit(codec)?;
+        let mut degree = self.scene.splats.degree();
+        degree.visit(codec)?;
+        let mut planes = match codec {
+            Codec::Write(_) => self.scene.splats.planes().to_vec(),
+            Codec::Read(_) => Vec::new(),
+        };
+        planes.visit(codec)?;
+        if let Codec::Read(_) = codec {
+            self.scene.splats = Splats::from_planes(degree, planes)?;
+        }
+        match &mut self.scene.background {
+            Background::Constant(color) => color.visit(codec)?,
+            Background::Sky(sky) => {
+                let mut texels = sky.texels().to_vec();
+                texels.visit(codec)?;
+                *sky = Sky::from_texels(sky.size(), texels)?;
+            }
+        }
+        self.adam.visit(codec)?;
+        self.background.visit(codec)?;
+        self.exposures.visit(codec)?;
+        self.poses.visit(codec)?;
+        self.growth.visit(codec)
+    }
+
+    /// Takes the state from a checkpoint. After an error the trainer must not be used.
+    pub(super) fn load(&mut self, codec: &mut Codec<'_>) -> Result<(), SplatError> {
+        let sizes = |of: &Self| [of.background.len(), of.exposures.len(), of.poses.len()];
+        let expected = sizes(self);
+        self.visit(codec)?;
+        let splats = &self.scene.splats;
+        let is_later = self.steps > self.config.steps || splats.degree() > self.config.degree;
+        if sizes(self) != expected || is_later {
+            return Err(broken("it is of a training with other views or settings"));
+        }
+        if !self.adam.is_of(splats) || self.growth.len() != splats.len() {
+            return Err(broken("its parts are of different numbers of Gaussians"));
+        }
+        Ok(())
     }
 
     /// Whether rounds of growth change the number of Gaussians.

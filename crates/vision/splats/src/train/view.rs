@@ -71,7 +71,7 @@ impl TrainingView {
     }
 
     /// Number of pixels that may be used.
-    pub(super) fn valid_pixels(&self) -> usize {
+    pub fn valid_pixels(&self) -> usize {
         match self.mask.is_empty() {
             true => self.camera.pixels(),
             false => self.mask.iter().filter(|valid| **valid).count(),
@@ -81,7 +81,13 @@ impl TrainingView {
     /// The image at a fraction of its size: colors are averages over blocks of `factor` x `factor`
     /// pixels, all of which must be usable; depths are those of the block's middle. Rows and
     /// columns that fill no block are cut.
-    pub(super) fn reduced(&self, factor: u32) -> Result<Self, SplatError> {
+    ///
+    /// # Errors
+    /// [`SplatError::Camera`] if the camera is invalid.
+    ///
+    /// # Panics
+    /// If a buffer does not fit the image.
+    pub fn reduced(&self, factor: u32) -> Result<Self, SplatError> {
         let model = self.camera.model();
         let (width, height) = (model.width / factor, model.height / factor);
         if factor == 1 || width == 0 || height == 0 {

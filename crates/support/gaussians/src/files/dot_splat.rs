@@ -5,8 +5,8 @@
 //! Gaussians first, so that viewers can show a file while it loads.
 //!
 //! ```
-//! use splats::files::dot_splat;
-//! use splats::{Splat, Splats};
+//! use gaussians::files::dot_splat;
+//! use gaussians::{Splat, Splats};
 //!
 //! let mut splats = Splats::empty(0)?;
 //! splats.push(&Splat::sphere(0.1, [1.0, 0.5, 0.2]))?;
@@ -19,7 +19,7 @@
 
 use super::{FileError, SplatFile, byte, logit, opacity_byte, unit};
 use crate::harmonics::{from_color, to_color};
-use crate::scene::{Splat, Splats};
+use crate::splats::{Splat, Splats};
 
 const ROW: usize = 32;
 

@@ -7,8 +7,8 @@
 //! mip` states compensated dilation, as Brush and SuperSplat write it.
 //!
 //! ```
-//! use splats::files::ply;
-//! use splats::{Splat, Splats};
+//! use gaussians::files::ply;
+//! use gaussians::{Splat, Splats};
 //!
 //! let mut splats = Splats::empty(1)?;
 //! splats.push(&Splat::sphere(0.1, [1.0, 0.5, 0.2]))?;
@@ -22,7 +22,7 @@
 //! ```
 
 use super::{FileError, SplatFile, header};
-use crate::scene::{MAX_DEGREE, Plane, Splats, coefficients};
+use crate::splats::{MAX_DEGREE, Plane, Splats, coefficients};
 
 /// Longest header that is read, bytes.
 const MAX_HEADER: usize = 1 << 16;

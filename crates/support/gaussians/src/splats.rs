@@ -7,7 +7,7 @@
 use cad_transforms::RigidTransform;
 use nalgebra::Quaternion;
 
-use crate::error::SplatError;
+use crate::error::GaussianError;
 
 /// Largest degree of the spherical harmonics.
 pub const MAX_DEGREE: usize = 3;
@@ -45,7 +45,7 @@ impl Plane {
 /// Gaussians, as planes of parameters.
 ///
 /// ```
-/// use splats::{Plane, Splat, Splats};
+/// use gaussians::{Plane, Splat, Splats};
 ///
 /// let mut splats = Splats::empty(1)?;
 /// splats.push(&Splat { position_m: [0.0, 0.0, 2.0], ..Splat::sphere(0.1, [1.0, 0.5, 0.0]) })?;
@@ -54,7 +54,7 @@ impl Plane {
 ///
 /// let broken = Splat { position_m: [f32::NAN, 0.0, 0.0], ..Splat::sphere(0.1, [0.5; 3]) };
 /// assert!(splats.push(&broken).is_err());
-/// # Ok::<(), splats::SplatError>(())
+/// # Ok::<(), gaussians::GaussianError>(())
 /// ```
 #[derive(Clone, Debug, PartialEq)]
 pub struct Splats {
@@ -98,10 +98,10 @@ impl Splats {
     /// No Gaussians.
     ///
     /// # Errors
-    /// [`SplatError::Degree`] above [`MAX_DEGREE`].
-    pub fn empty(degree: usize) -> Result<Self, SplatError> {
+    /// [`GaussianError::Degree`] above [`MAX_DEGREE`].
+    pub fn empty(degree: usize) -> Result<Self, GaussianError> {
         if degree > MAX_DEGREE {
-            return Err(SplatError::Degree { found: degree });
+            return Err(GaussianError::Degree { found: degree });
         }
         Ok(Self {
             degree,
@@ -112,17 +112,17 @@ impl Splats {
     /// From planes in the order of [`Plane`].
     ///
     /// # Errors
-    /// [`SplatError::Degree`], [`SplatError::Planes`] if their number or lengths are wrong,
-    /// [`SplatError::NotFinite`], [`SplatError::ZeroRotation`].
-    pub fn from_planes(degree: usize, planes: Vec<Vec<f32>>) -> Result<Self, SplatError> {
+    /// [`GaussianError::Degree`], [`GaussianError::Planes`] if their number or lengths are wrong,
+    /// [`GaussianError::NotFinite`], [`GaussianError::ZeroRotation`].
+    pub fn from_planes(degree: usize, planes: Vec<Vec<f32>>) -> Result<Self, GaussianError> {
         if degree > MAX_DEGREE {
-            return Err(SplatError::Degree { found: degree });
+            return Err(GaussianError::Degree { found: degree });
         }
         let count = planes.first().map_or(0, Vec::len);
         let expected = Plane::count(degree);
         if planes.len() != expected || planes.iter().any(|plane| plane.len() != count) {
             let lengths = planes.iter().map(Vec::len).collect();
-            return Err(SplatError::Planes { lengths, expected });
+            return Err(GaussianError::Planes { lengths, expected });
         }
         let splats = Self { degree, planes };
         splats.check()?;
@@ -132,8 +132,8 @@ impl Splats {
     /// Appends a Gaussian.
     ///
     /// # Errors
-    /// [`SplatError::NotFinite`], [`SplatError::ZeroRotation`]; nothing is appended then.
-    pub fn push(&mut self, splat: &Splat) -> Result<(), SplatError> {
+    /// [`GaussianError::NotFinite`], [`GaussianError::ZeroRotation`]; nothing is appended then.
+    pub fn push(&mut self, splat: &Splat) -> Result<(), GaussianError> {
         let row = self.row(splat);
         check_row(self.len(), &row)?;
         for (plane, value) in self.planes.iter_mut().zip(row) {
@@ -188,10 +188,10 @@ impl Splats {
     /// The same Gaussians with another degree: coefficients are appended as zeros or dropped.
     ///
     /// # Errors
-    /// [`SplatError::Degree`] above [`MAX_DEGREE`].
-    pub fn with_degree(mut self, degree: usize) -> Result<Self, SplatError> {
+    /// [`GaussianError::Degree`] above [`MAX_DEGREE`].
+    pub fn with_degree(mut self, degree: usize) -> Result<Self, GaussianError> {
         if degree > MAX_DEGREE {
-            return Err(SplatError::Degree { found: degree });
+            return Err(GaussianError::Degree { found: degree });
         }
         let count = self.len();
         self.planes.resize(Plane::count(degree), vec![0.0; count]);
@@ -253,8 +253,9 @@ impl Splats {
         out
     }
 
-    /// The planes, for optimizers of this crate, which keep the contract.
-    pub(crate) fn planes_mut(&mut self) -> &mut [Vec<f32>] {
+    /// The planes, for optimizers, which keep the contract: no value may become infinite or NaN, no
+    /// rotation zero, and all planes keep their length.
+    pub fn planes_mut(&mut self) -> &mut [Vec<f32>] {
         &mut self.planes
     }
 
@@ -268,7 +269,7 @@ impl Splats {
         row
     }
 
-    fn check(&self) -> Result<(), SplatError> {
+    fn check(&self) -> Result<(), GaussianError> {
         let finite = |plane: &Vec<f32>| plane.iter().all(|value| value.is_finite());
         let rotations = &self.planes[Plane::ROTATION..Plane::ROTATION + 4];
         let norm = |i: usize| {
@@ -292,15 +293,15 @@ impl Splats {
 }
 
 /// Checks the parameters of the Gaussian with this index.
-fn check_row(index: usize, row: &[f32]) -> Result<(), SplatError> {
+fn check_row(index: usize, row: &[f32]) -> Result<(), GaussianError> {
     if let Some(plane) = row.iter().position(|value| !value.is_finite()) {
         let parameter = plane_name(plane);
-        return Err(SplatError::NotFinite { index, parameter });
+        return Err(GaussianError::NotFinite { index, parameter });
     }
     let rotation = &row[Plane::ROTATION..Plane::ROTATION + 4];
     let norm: f32 = rotation.iter().map(|value| value * value).sum();
     if !(norm >= MIN_SQUARED_NORM && norm.is_finite()) {
-        return Err(SplatError::ZeroRotation { index });
+        return Err(GaussianError::ZeroRotation { index });
     }
     Ok(())
 }
@@ -331,7 +332,7 @@ mod tests {
             let error = splats.push(&splat).unwrap_err();
             assert_eq!(
                 error,
-                SplatError::NotFinite {
+                GaussianError::NotFinite {
                     index: 1,
                     parameter: name
                 },
@@ -341,7 +342,7 @@ mod tests {
         none.rotation_wxyz = [0.0; 4];
         assert_eq!(
             splats.push(&none),
-            Err(SplatError::ZeroRotation { index: 1 })
+            Err(GaussianError::ZeroRotation { index: 1 })
         );
         assert_eq!(splats.len(), 1);
 
@@ -351,10 +352,10 @@ mod tests {
         assert!(error.to_string().contains("scale of Gaussian 0"), "{error}");
         planes.pop();
         let error = Splats::from_planes(0, planes).unwrap_err();
-        assert!(matches!(error, SplatError::Planes { expected: 14, .. }));
+        assert!(matches!(error, GaussianError::Planes { expected: 14, .. }));
         assert!(matches!(
             Splats::empty(4),
-            Err(SplatError::Degree { found: 4 })
+            Err(GaussianError::Degree { found: 4 })
         ));
     }
 

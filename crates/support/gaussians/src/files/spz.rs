@@ -8,8 +8,8 @@
 //! [`rub_from_z_up`] before writing.
 //!
 //! ```
-//! use splats::files::spz;
-//! use splats::{Splat, Splats};
+//! use gaussians::files::spz;
+//! use gaussians::{Splat, Splats};
 //!
 //! let mut splats = Splats::empty(1)?;
 //! splats.push(&Splat { position_m: [1.0, 2.0, 3.0], ..Splat::sphere(0.1, [1.0, 0.5, 0.2]) })?;
@@ -25,7 +25,7 @@ use std::io::Read;
 use cad_transforms::RigidTransform;
 
 use super::{FileError, SplatFile, byte, header, logit, opacity_byte, unit};
-use crate::scene::{MAX_DEGREE, Splat, Splats, coefficients};
+use crate::splats::{MAX_DEGREE, Splat, Splats, coefficients};
 
 const MAGIC: u32 = 0x5053_474e;
 const HEADER: usize = 32;

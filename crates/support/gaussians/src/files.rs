@@ -11,8 +11,8 @@ pub mod spz;
 #[cfg(test)]
 mod tests;
 
-use crate::error::SplatError;
-use crate::scene::Splats;
+use crate::error::GaussianError;
+use crate::splats::Splats;
 
 /// Content of a file.
 #[derive(Clone, Debug, PartialEq)]
@@ -20,7 +20,7 @@ pub struct SplatFile {
     /// The Gaussians.
     pub splats: Splats,
     /// Whether they were trained with compensated dilation:
-    /// [`RenderConfig::compensate`](crate::RenderConfig::compensate).
+    /// `RenderConfig::compensate` of the crate `splats`.
     pub compensated: bool,
 }
 
@@ -62,11 +62,11 @@ pub enum FileError {
     },
     /// A parameter is invalid.
     #[error("{0}")]
-    Splats(SplatError),
+    Splats(GaussianError),
 }
 
-impl From<SplatError> for FileError {
-    fn from(error: SplatError) -> Self {
+impl From<GaussianError> for FileError {
+    fn from(error: GaussianError) -> Self {
         Self::Splats(error)
     }
 }

@@ -42,7 +42,7 @@ const TABLE: [(f64, &[Monomial]); 16] = [
 ];
 
 /// The first harmonics in a direction, each with its gradient.
-pub(crate) fn values(d: Vector3<f64>, count: usize) -> Vec<(f64, Vector3<f64>)> {
+pub fn values(d: Vector3<f64>, count: usize) -> Vec<(f64, Vector3<f64>)> {
     let power = |k: usize, e: i32| if e < 0 { 0.0 } else { d[k].powi(e) };
     let table = TABLE.iter().take(count);
     table

@@ -1,0 +1,376 @@
+//! Points at the depths of views: one per voxel of an octree.
+//!
+//! A depth belongs to the voxels of the size of some pixels at its distance. Of voxels that contain
+//! each other the smallest one is kept: the nearest view knows best. A point is the mean of the
+//! depths in its voxel, with the mean of their normals and colors.
+
+use std::collections::{HashMap, HashSet};
+
+use camera_models::{CameraModel, Lens};
+use estimator_config::config;
+use rayon::prelude::*;
+
+use super::StartPoint;
+use crate::train::view::TrainingView;
+
+/// Most levels of the octree: the largest voxels are this power of two of the smallest.
+const MAX_LEVEL: u8 = 20;
+
+/// Most voxels in memory for each point that is wanted: they double above that.
+pub const MAX_VOXELS_PER_POINT: usize = 8;
+
+/// Depths of neighbors that differ by more than this share have an edge between them.
+const MAX_STEP: f32 = 0.05;
+
+config! {
+    /// Configuration of the points at which a scene starts.
+    pub struct StartConfig {
+        /// Largest number of points. Voxels double until there are no more of them.
+        pub max_points: usize = 75_000,
+        /// Edge of a voxel at the distance of its nearest view, px.
+        pub spacing_px: f64 = 2.0,
+        /// Smallest edge of a voxel, m.
+        pub min_spacing_m: f64 = 0.02,
+        /// Largest standard deviation of a depth, as a share of it.
+        pub max_relative_sigma: f64 = 0.1,
+        /// Every which pixel of a row and column is used.
+        pub step_px: usize = 2,
+    }
+}
+
+/// Level of the octree and cell in it.
+type Voxel = (u8, [i32; 3]);
+
+/// Sums over the depths of a voxel.
+#[derive(Clone, Copy, Debug, Default)]
+struct Sums {
+    count: f64,
+    position_m: [f64; 3],
+    normal: [f64; 3],
+    color: [f64; 3],
+    /// Sum of `1 / sigma²`.
+    information: f64,
+}
+
+impl Sums {
+    fn add(&mut self, other: &Self) {
+        let add = |a: &mut [f64; 3], b: &[f64; 3]| a.iter_mut().zip(b).for_each(|(a, b)| *a += b);
+        self.count += other.count;
+        add(&mut self.position_m, &other.position_m);
+        add(&mut self.normal, &other.normal);
+        add(&mut self.color, &other.color);
+        self.information += other.information;
+    }
+
+    fn point(&self, spacing_m: f64) -> StartPoint {
+        let mean = |sum: [f64; 3]| sum.map(|v| (v / self.count) as f32);
+        let length = self.normal.iter().map(|v| v * v).sum::<f64>().sqrt();
+        StartPoint {
+            position_m: mean(self.position_m),
+            // Depths of several surfaces have no common normal.
+            normal: (length > 0.5 * self.count).then(|| self.normal.map(|v| (v / length) as f32)),
+            spacing_m: spacing_m as f32,
+            // That of a single depth: errors of neighbors are not independent.
+            sigma_m: (self.count / self.information).sqrt() as f32,
+            color: mean(self.color),
+        }
+    }
+}
+
+/// Points at the usable depths of views, at most [`StartConfig::max_points`] of them, in an order
+/// that depends on their positions only.
+///
+/// ```
+/// use cad_transforms::RigidTransform;
+/// use camera_models::{CameraModel, Distortion};
+/// use splats::{Camera, StartConfig, TrainingView, points_from_views};
+///
+/// // A wall at 2 m.
+/// let model = CameraModel::new((64, 48), [60.0, 60.0, 31.5, 23.5], Distortion::None);
+/// let camera = Camera::new(model, RigidTransform::identity())?;
+/// let mut view = TrainingView::new(camera, vec![200; 3 * 64 * 48], 0);
+/// view.depth_m = vec![2.0; 64 * 48];
+/// view.depth_sigma_m = vec![0.01; 64 * 48];
+/// let points = points_from_views(&[view], &StartConfig::default());
+/// assert!(points.len() > 100);
+/// assert!(points.iter().all(|point| (point.position_m[2] - 2.0).abs() < 1e-6));
+/// assert!(points.iter().all(|point| point.normal.is_none_or(|n| n[2] < -0.99)));
+/// # Ok::<(), splats::SplatError>(())
+/// ```
+pub fn points_from_views(views: &[TrainingView], config: &StartConfig) -> Vec<StartPoint> {
+    let mut voxels: HashMap<Voxel, Sums> = HashMap::new();
+    let mut rays: Vec<(CameraModel, Vec<[f32; 3]>)> = Vec::new();
+    // Level of the smallest voxels.
+    let mut least = 0;
+    for view in views.iter().filter(|view| !view.depth_m.is_empty()) {
+        let model = *view.camera.model();
+        let known = rays.iter().position(|(of, _)| *of == model);
+        let known = known.unwrap_or_else(|| {
+            rays.push((model, rays_of(view.camera.lens())));
+            rays.len() - 1
+        });
+        let rays = &rays[known].1;
+        let step = config.step_px.max(1);
+        let rows: Vec<usize> = (0..model.height as usize).step_by(step).collect();
+        let found: Vec<(Voxel, Sums)> = rows
+            .par_iter()
+            .flat_map_iter(|row| {
+                let columns = (0..model.width as usize).step_by(step);
+                columns.filter_map(|column| measured(view, rays, [column, *row], config))
+            })
+            .collect();
+        // In order, so that sums do not depend on the number of threads.
+        for ((level, cell), sums) in found {
+            let cell = (level..least).fold(cell, |cell, _| parent(cell));
+            let voxel = (level.max(least), cell);
+            voxels.entry(voxel).or_default().add(&sums);
+        }
+        let most = config.max_points.saturating_mul(MAX_VOXELS_PER_POINT);
+        while voxels.len() > most && least < MAX_LEVEL {
+            voxels = coarser(&sorted(voxels), least).into_iter().collect();
+            least += 1;
+        }
+    }
+    let mut voxels = sorted(voxels);
+    for level in least..=MAX_LEVEL {
+        let kept = smallest(&voxels);
+        if kept.len() <= config.max_points || level == MAX_LEVEL {
+            let size = |level: u8| config.min_spacing_m * f64::from(1_u32 << level);
+            let points = kept.into_iter().take(config.max_points);
+            return points
+                .map(|((level, _), sums)| sums.point(size(level)))
+                .collect();
+        }
+        voxels = coarser(&voxels, level);
+    }
+    Vec::new()
+}
+
+fn sorted(voxels: HashMap<Voxel, Sums>) -> Vec<(Voxel, Sums)> {
+    let mut voxels: Vec<(Voxel, Sums)> = voxels.into_iter().collect();
+    voxels.sort_unstable_by_key(|(voxel, _)| *voxel);
+    voxels
+}
+
+/// Directions of all pixels, with a length of 1 along the optical axis; NaN where there is none.
+fn rays_of(lens: &Lens) -> Vec<[f32; 3]> {
+    let (width, height) = (lens.model().width, lens.model().height);
+    let ray = |pixel: u32| {
+        let at = [pixel % width, pixel / width].map(f64::from);
+        let ray = lens.unproject(at).filter(|ray| ray[2] > 1e-3);
+        ray.map_or([f32::NAN; 3], |ray| ray.map(|v| (v / ray[2]) as f32))
+    };
+    (0..width * height).into_par_iter().map(ray).collect()
+}
+
+/// The depth of a pixel with its voxel, if it may be used.
+fn measured(
+    view: &TrainingView,
+    rays: &[[f32; 3]],
+    [column, row]: [usize; 2],
+    config: &StartConfig,
+) -> Option<(Voxel, Sums)> {
+    let model = view.camera.model();
+    let (width, height) = (model.width as usize, model.height as usize);
+    let at = |column: usize, row: usize| {
+        let pixel = row * width + column;
+        let z = view.depth_m[pixel];
+        let is_usable = view.mask.get(pixel).copied().unwrap_or(true) && z > 0.0 && z.is_finite();
+        let point = rays[pixel].map(|v| f64::from(v * z));
+        (is_usable && point[0].is_finite()).then_some(point)
+    };
+    let pixel = row * width + column;
+    let point = at(column, row)?;
+    let z = point[2];
+    let sigma = f64::from(view.depth_sigma_m[pixel]);
+    if !(sigma > 0.0 && sigma <= config.max_relative_sigma * z) {
+        return None;
+    }
+    let step = config.step_px.max(1);
+    // Difference of the neighbors on both sides along one axis, where they are on one surface.
+    let along = |before: Option<[f64; 3]>, after: Option<[f64; 3]>| {
+        let (a, b) = (before?, after?);
+        let limit = f64::from(MAX_STEP) * z;
+        let is_smooth = (a[2] - z).abs() < limit && (b[2] - z).abs() < limit;
+        is_smooth.then(|| [b[0] - a[0], b[1] - a[1], b[2] - a[2]])
+    };
+    let inside = |column: Option<usize>, row: Option<usize>| {
+        let (column, row) = (column?, row?);
+        (column < width && row < height).then(|| at(column, row))?
+    };
+    let x = along(
+        inside(column.checked_sub(step), Some(row)),
+        inside(Some(column + step), Some(row)),
+    );
+    let y = along(
+        inside(Some(column), row.checked_sub(step)),
+        inside(Some(column), Some(row + step)),
+    );
+    let normal = x.zip(y).and_then(|(x, y)| {
+        let n = [
+            y[1] * x[2] - y[2] * x[1],
+            y[2] * x[0] - y[0] * x[2],
+            y[0] * x[1] - y[1] * x[0],
+        ];
+        let length = n.iter().map(|v| v * v).sum::<f64>().sqrt();
+        (length > 0.0).then(|| n.map(|v| v / length))
+    });
+    let world_from_camera = view.camera.camera_from_world().inverse();
+    let position_m = world_from_camera.apply(at_pose(view, [column, row], point));
+    let spacing = config.spacing_px * z / model.fx;
+    let doublings = libm::log2((spacing / config.min_spacing_m).max(1.0));
+    let level = (doublings.round() as u8).min(MAX_LEVEL);
+    let size = config.min_spacing_m * f64::from(1_u32 << level);
+    let voxel = (level, position_m.map(|v| (v / size).floor() as i32));
+    let color = [0, 1, 2].map(|c| f64::from(view.rgb[3 * pixel + c]) / 255.0);
+    let sums = Sums {
+        count: 1.0,
+        position_m,
+        normal: normal.map_or([0.0; 3], |normal| world_from_camera.rotate(normal)),
+        color,
+        information: 1.0 / (sigma * sigma),
+    };
+    Some((voxel, sums))
+}
+
+/// A point of a pixel at the pose of the camera, which a rolling shutter has at another time.
+fn at_pose(view: &TrainingView, pixel: [usize; 2], x: [f64; 3]) -> [f64; 3] {
+    let Some(shutter) = view.camera.shutter() else {
+        return x;
+    };
+    let mut time_s = 0.0;
+    for k in 0..2 {
+        let from_reference = pixel[k] as f64 - shutter.reference_px[k];
+        time_s += shutter.time_gradient_s_per_px[k] * from_reference;
+    }
+    let (v, w) = (shutter.velocity_m_s, shutter.rate_rad_s);
+    let turn = [
+        w[1] * x[2] - w[2] * x[1],
+        w[2] * x[0] - w[0] * x[2],
+        w[0] * x[1] - w[1] * x[0],
+    ];
+    [0, 1, 2].map(|k| x[k] + time_s * (v[k] + turn[k]))
+}
+
+fn parent([x, y, z]: [i32; 3]) -> [i32; 3] {
+    [x, y, z].map(|v| v.div_euclid(2))
+}
+
+/// Voxels that contain no smaller one. The list is sorted.
+fn smallest(voxels: &[(Voxel, Sums)]) -> Vec<(Voxel, Sums)> {
+    let mut kept = Vec::new();
+    // Cells of the present level with smaller voxels in them.
+    let mut taken: HashSet<[i32; 3]> = HashSet::new();
+    for level in 0..=MAX_LEVEL {
+        let first = voxels.partition_point(|((of, _), _)| *of < level);
+        let end = voxels.partition_point(|((of, _), _)| *of <= level);
+        let of_level = &voxels[first..end];
+        kept.extend(
+            of_level
+                .iter()
+                .filter(|((_, cell), _)| !taken.contains(cell)),
+        );
+        taken.extend(of_level.iter().map(|((_, cell), _)| *cell));
+        taken = taken.into_iter().map(parent).collect();
+    }
+    kept
+}
+
+/// The same with no voxel as small as those of a level.
+fn coarser(voxels: &[(Voxel, Sums)], level: u8) -> Vec<(Voxel, Sums)> {
+    let mut out: HashMap<Voxel, Sums> = HashMap::with_capacity(voxels.len());
+    for ((of, cell), sums) in voxels {
+        let voxel = match *of <= level {
+            true => (level + 1, parent(*cell)),
+            false => (*of, *cell),
+        };
+        out.entry(voxel).or_default().add(sums);
+    }
+    sorted(out)
+}
+
+#[cfg(test)]
+mod tests {
+    use cad_transforms::RigidTransform;
+    use camera_models::Distortion;
+
+    use super::*;
+    use crate::camera::{Camera, Shutter};
+
+    const SIZE: (u32, u32) = (64, 48);
+
+    /// A wall at a distance, seen from a position along its normal.
+    fn view(distance_m: f64) -> TrainingView {
+        let model = CameraModel::new(SIZE, [60.0, 60.0, 31.5, 23.5], Distortion::None);
+        // The wall is at z = 4.
+        let pose = RigidTransform::from_translation_m([0.0, 0.0, distance_m - 4.0]);
+        let camera = Camera::new(model, pose.unwrap()).unwrap();
+        let mut view = TrainingView::new(camera, vec![200; 3 * 64 * 48], 0);
+        view.depth_m = vec![distance_m as f32; 64 * 48];
+        view.depth_sigma_m = vec![0.02; 64 * 48];
+        view
+    }
+
+    #[test]
+    fn each_place_has_the_points_of_its_nearest_view() {
+        let config = StartConfig::default();
+        let far = points_from_views(&[view(4.0)], &config);
+        let both = points_from_views(&[view(4.0), view(1.0)], &config);
+        let smallest =
+            |points: &[StartPoint]| points.iter().fold(f32::INFINITY, |s, p| s.min(p.spacing_m));
+        assert!(smallest(&both) < 0.5 * smallest(&far));
+        // The near view shows a sixteenth of the wall. No point of the far one remains there.
+        for point in &both {
+            let [x, y, z] = point.position_m;
+            assert!((z - 4.0).abs() < 1e-5);
+            let in_near = x.abs() < 0.4 && y.abs() < 0.3;
+            assert!(!in_near || point.spacing_m == smallest(&both), "{point:?}");
+        }
+        assert!(both.iter().all(|p| (p.sigma_m - 0.02).abs() < 1e-6));
+    }
+
+    #[test]
+    fn masked_and_uncertain_depths_give_no_points() {
+        let mut masked = view(2.0);
+        masked.mask = vec![false; 64 * 48];
+        let mut uncertain = view(2.0);
+        uncertain.depth_sigma_m.fill(0.5);
+        let mut unknown = view(2.0);
+        unknown.depth_m.fill(f32::NAN);
+        let mut without_sigma = view(2.0);
+        without_sigma.depth_sigma_m.fill(f32::NAN);
+        let views = [masked, uncertain, unknown, without_sigma];
+        assert_eq!(points_from_views(&views, &StartConfig::default()), []);
+    }
+
+    #[test]
+    fn voxels_double_until_few_enough_points_remain() {
+        let mut config = StartConfig::default();
+        let all = points_from_views(&[view(4.0), view(1.0)], &config);
+        config.max_points = all.len() / 3;
+        let fewer = points_from_views(&[view(4.0), view(1.0)], &config);
+        assert!(!fewer.is_empty() && fewer.len() <= config.max_points);
+        assert!(fewer.len() > config.max_points / 8, "{}", fewer.len());
+        // So few that they already double from view to view.
+        config.max_points = 10;
+        let few = points_from_views(&[view(4.0), view(1.0)], &config);
+        assert!((2..=10).contains(&few.len()), "{}", few.len());
+    }
+
+    #[test]
+    fn rows_of_a_rolling_shutter_are_at_their_own_times() {
+        let mut moving = view(2.0);
+        // 1 m/s to the right, 10 ms a row.
+        let shutter = Shutter::rows(0.01, SIZE.1, [1.0, 0.0, 0.0], [0.0; 3]);
+        moving.camera = moving.camera.with_shutter(shutter).unwrap();
+        let still = points_from_views(&[view(2.0)], &StartConfig::default());
+        let points = points_from_views(&[moving], &StartConfig::default());
+        let edge = |points: &[StartPoint], is_low: bool| {
+            let of_rows = points.iter().filter(|p| (p.position_m[1] > 0.7) == is_low);
+            of_rows.fold(f32::NEG_INFINITY, |m, p| m.max(p.position_m[0]))
+        };
+        // The lowest row is 0.235 s after the middle one.
+        let shift = edge(&points, true) - edge(&still, true);
+        assert!((shift - 0.23).abs() < 0.06, "{shift}");
+    }
+}

@@ -1,0 +1,41 @@
+//! Memory of a training, known before it starts.
+
+use splats::{Plane, RenderConfig};
+
+use super::config::SplatsConfig;
+
+/// Bytes of a pixel of an image: colors and mask; with depth and its standard deviation.
+const PIXEL: u64 = 3 + 1;
+const DEPTH: u64 = 4 + 4;
+
+/// Bytes of a pixel while an image is rendered, compared and differentiated.
+const RENDERED: u64 = 160;
+
+/// Copies of the Gaussians: that of the training, the two of a check, a checkpoint.
+const COPIES: u64 = 4;
+
+/// Bytes of a Gaussian beside its parameters: steps and what growth gathers.
+const GATHERED: u64 = 48;
+
+/// Bytes of a voxel at the start, and voxels for each point: voxels double above that.
+const VOXEL: u64 = 400;
+const VOXELS_PER_POINT: u64 = splats::MAX_VOXELS_PER_POINT as u64;
+
+/// Bytes that a training of stereo images of these sizes (left and right, px) can take.
+pub(super) fn needed_bytes(pixels: &[[u64; 2]], config: &SplatsConfig) -> u64 {
+    let area = u64::from(config.reduction) * u64::from(config.reduction);
+    let image = |[left, right]: &[u64; 2]| {
+        let right = if config.right_images { *right } else { 0 };
+        (left * (PIXEL + DEPTH) + right * PIXEL) / area
+    };
+    let images: u64 = pixels.iter().map(image).sum();
+    // Whole images while they are read.
+    let largest = pixels.iter().flatten().copied().max().unwrap_or(0);
+    let read = super::BATCH as u64 * 2 * largest * (PIXEL + DEPTH);
+    let planes = Plane::count(config.train.degree) as u64;
+    let gaussian = 3 * 4 * planes + GATHERED;
+    let gaussians = config.train.growth.max_splats as u64 * (COPIES * gaussian + 4 * planes);
+    let start = config.start.max_points as u64 * VOXELS_PER_POINT * VOXEL;
+    let _: RenderConfig = config.render;
+    images + read + gaussians.max(start) + largest / area * RENDERED
+}
