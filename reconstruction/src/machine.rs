@@ -43,3 +43,26 @@ fn peak_bytes() -> Option<u64> {
     let kib: u64 = line.trim().strip_suffix(" kB")?.trim().parse().ok()?;
     Some(1024 * kib)
 }
+
+/// Memory that this process can still take, bytes: of the machine (proc_meminfo(5)), and of its
+/// control group where that has a limit (cgroup v2). `None` where neither is known.
+pub(crate) fn available_bytes() -> Option<u64> {
+    let meminfo = std::fs::read_to_string("/proc/meminfo").ok();
+    let machine = meminfo.and_then(|text| {
+        let line = text
+            .lines()
+            .find_map(|line| line.strip_prefix("MemAvailable:"))?;
+        let kib: u64 = line.trim().strip_suffix(" kB")?.trim().parse().ok()?;
+        Some(1024 * kib)
+    });
+    let number = |file: &str| -> Option<u64> {
+        let text = std::fs::read_to_string(format!("/sys/fs/cgroup/{file}")).ok()?;
+        // "max" without a limit.
+        text.trim().parse().ok()
+    };
+    let group = number("memory.max").map(|most| {
+        let used = number("memory.current").unwrap_or(0);
+        most.saturating_sub(used)
+    });
+    [machine, group].into_iter().flatten().min()
+}

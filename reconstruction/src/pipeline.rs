@@ -188,6 +188,7 @@ fn run_stage<S: ?Sized>(
     for draft in drafts.into_iter().rev() {
         draft.commit(record.clone()).map_err(failed)?;
     }
+    stage.clean_up(&bundle.path());
     Ok(report)
 }
 

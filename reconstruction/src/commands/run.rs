@@ -60,6 +60,12 @@ pub(crate) struct Arguments {
     /// A segmentation network; movable objects get no depth (docs/reference/learned.md).
     #[arg(long, value_name = "MODEL.onnx")]
     segmentation_network: Option<PathBuf>,
+    /// Training steps of the stage splats, instead of those of the preset (2000, 7000, 20000).
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+    splat_steps: Option<u32>,
+    /// Memory that the stage splats may use, MB; otherwise what the machine has available.
+    #[arg(long, value_name = "MB")]
+    max_memory_mb: Option<u64>,
     /// Print a JSON object per stage, one in a line, and no progress.
     #[arg(long)]
     json: bool,
@@ -160,6 +166,11 @@ fn reconstruct(arguments: &Arguments, input: &Input) -> Result<ExitCode> {
             arguments.depth_network.as_deref(),
             arguments.segmentation_network.as_deref(),
         )?,
+        splat_steps: arguments.splat_steps.map(|steps| steps as usize),
+        memory_bytes: match arguments.max_memory_mb {
+            Some(mb) => Some(mb.saturating_mul(1_000_000)),
+            None => machine::available_bytes(),
+        },
     };
     let pipeline = stages::pipeline(options)?;
     let (from, to) = (arguments.from.clone(), arguments.to.clone());
@@ -169,7 +180,7 @@ fn reconstruct(arguments: &Arguments, input: &Input) -> Result<ExitCode> {
     let observer = ProgressReporter {
         bar: match arguments.json {
             true => ProgressBar::hidden(),
-            false => progress_bar(0, "{prefix:>20}  {wide_bar} {pos}/{len}, {eta} left")?,
+            false => progress_bar(0, "{prefix:>20}  {wide_bar} {pos}/{len}, {eta} left  {msg}")?,
         },
         is_json: arguments.json,
         folder: bundle.path(),
@@ -291,6 +302,11 @@ impl Observer for ProgressReporter {
         self.bar.set_position(0);
         self.bar.set_length(0);
         self.bar.set_prefix(format!("{number}/{of} {stage}"));
+        self.bar.set_message("");
+    }
+
+    fn status(&self, text: &str) {
+        self.bar.set_message(text.to_owned());
     }
 
     fn progress(&self, done: u64, total: u64) {

@@ -12,6 +12,10 @@ pub trait Observer: Sync {
     fn begin(&self, stage: &str, number: usize, of: usize);
     /// Progress of the stage: `done` of `total`.
     fn progress(&self, done: u64, total: u64);
+    /// An intermediate result of the stage, a few words.
+    fn status(&self, text: &str) {
+        let _ = text;
+    }
     /// A stage is done.
     fn end(&self, outcome: &Outcome);
 }

@@ -1,6 +1,7 @@
 //! A stage of the pipeline.
 
 use std::error::Error;
+use std::path::Path;
 
 use serde_json::Value;
 
@@ -26,4 +27,9 @@ pub trait Stage<S: ?Sized> {
     /// # Errors
     /// Any error that prevents its outputs, which are then discarded.
     fn run(&self, work: &Work<'_, S>) -> Result<(), StageError>;
+    /// Removes what it keeps between runs that were stopped; called after its outputs were
+    /// committed. Most stages keep nothing.
+    fn clean_up(&self, bundle: &Path) {
+        let _ = bundle;
+    }
 }

@@ -11,6 +11,7 @@
 //! | `terrain` | `rig-refined`, `trajectory`, `keyframes`, `depth`, `cloud`, `masks`, `tag-detections` | `terrain` |
 //! | `feet` | `rig-refined`, `trajectory`, `tag-detections`, `keyframes`, `depth` | `feet`, `contacts` |
 //! | `maps` | `terrain`, `contacts`, `rig-refined` | `maps`, `collision` |
+//! | `splats` | hand-off, `rig-refined`, `trajectory`, `keyframes`, `depth`, `masks` | `splats` |
 
 use super::{Pipeline, PipelineError, Stage};
 use crate::input::Input;
@@ -36,11 +37,12 @@ mod preset;
 pub mod rig;
 mod rolling_shutter;
 pub(crate) mod soles;
+mod splats;
 pub mod tags;
 mod terrain;
 
 /// Names of the stages, in order.
-pub const NAMES: [&str; 9] = [
+pub const NAMES: [&str; 10] = [
     "rig",
     "odometry",
     "bundle-adjustment",
@@ -50,6 +52,7 @@ pub const NAMES: [&str; 9] = [
     "terrain",
     "feet",
     "maps",
+    "splats",
 ];
 
 /// Options of the stages.
@@ -61,6 +64,10 @@ pub struct Options {
     pub rig_overrides: rig::RigOverrides,
     /// The user's networks.
     pub networks: networks::Networks,
+    /// Number of training steps of the stage `splats` in place of the preset's.
+    pub splat_steps: Option<usize>,
+    /// Memory that the stage `splats` may use, bytes, where it is known.
+    pub memory_bytes: Option<u64>,
 }
 
 /// The table.
@@ -86,6 +93,11 @@ pub fn pipeline(options: Options) -> Result<Pipeline<Input>, PipelineError> {
         Box::new(terrain::TerrainStage),
         Box::new(feet::FeetStage),
         Box::new(maps::MapsStage),
+        Box::new(splats::SplatsStage {
+            preset,
+            steps: options.splat_steps,
+            memory_bytes: options.memory_bytes,
+        }),
     ];
     Pipeline::new(stages, &[HANDOFF])
 }

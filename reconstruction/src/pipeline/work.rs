@@ -1,5 +1,6 @@
 //! Context of a running stage.
 
+use std::path::PathBuf;
 use std::sync::{Mutex, PoisonError};
 
 use scene_bundle::{Bundle, BundleError, Draft, OutputReader, Scene};
@@ -114,6 +115,16 @@ impl<'a, S: ?Sized> Work<'a, S> {
     /// Adds a loss from an error, with its causes.
     pub fn record_loss_from(&self, error: &dyn std::error::Error) {
         self.record_loss(scene_bundle::error_chain(error));
+    }
+
+    /// The folder of the bundle, for what a stage keeps between runs that were stopped.
+    pub fn folder(&self) -> PathBuf {
+        self.scene.path()
+    }
+
+    /// Reports an intermediate result.
+    pub fn status(&self, text: &str) {
+        self.observer.status(text);
     }
 
     /// Reports progress: `done` of `total`.

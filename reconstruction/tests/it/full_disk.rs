@@ -37,7 +37,11 @@ fn text(output: &Output) -> String {
 fn run(session: &Path, scene: &Path, more: &[&str]) -> Output {
     let mut command = Command::new(env!("CARGO_BIN_EXE_paws-reconstruct"));
     command.arg("run").arg(session).arg("--out").arg(scene);
-    let output = command.args(["--preset", "fast"]).args(more).output();
+    command.args(["--preset", "fast"]).args(more);
+    if !more.contains(&"--to") {
+        command.args(["--to", "maps"]);
+    }
+    let output = command.output();
     output.expect("run")
 }
 

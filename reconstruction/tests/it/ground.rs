@@ -84,7 +84,9 @@ fn run_with(rig: &str, name: &str) -> (Output, Scene) {
     let out = walk.scene.with_file_name(format!("{name}.scene"));
     let mut command = Command::new(env!("CARGO_BIN_EXE_paws-reconstruct"));
     command.arg("run").arg(&walk.session).arg("--out").arg(&out);
-    command.args(["--preset", "fast", "--rig"]).arg(&file);
+    command
+        .args(["--preset", "fast", "--to", "maps", "--rig"])
+        .arg(&file);
     let output = command.output().expect("run");
     (output, Scene::open(Path::new(&out)).expect("a bundle"))
 }

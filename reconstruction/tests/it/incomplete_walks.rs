@@ -59,7 +59,10 @@ fn record(seconds: f64, rig_text: &str, imaging: Imaging) -> (tempfile::TempDir,
 fn run(session: &Path, scene: &Path, more: &[&str]) -> Output {
     let mut command = Command::new(env!("CARGO_BIN_EXE_paws-reconstruct"));
     command.arg("run").arg(session).arg("--out").arg(scene);
-    let output = command.args(["--preset", "fast"]).args(more).output();
+    let output = command
+        .args(["--preset", "fast", "--to", "maps"])
+        .args(more)
+        .output();
     output.expect("run")
 }
 

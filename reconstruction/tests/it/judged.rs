@@ -66,6 +66,8 @@ impl Desk {
             scene.as_path(),
             "--preset".as_ref(),
             "fast".as_ref(),
+            "--to".as_ref(),
+            "maps".as_ref(),
         ]);
         let text = String::from_utf8_lossy(&output.stdout).into_owned();
         assert!(

@@ -12,5 +12,6 @@ mod judged;
 mod read_back;
 mod refuse;
 mod session;
+mod splats;
 mod stages;
 mod walk;

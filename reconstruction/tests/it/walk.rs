@@ -26,7 +26,7 @@ use session_archive::handoff::Verdict;
 use crate::frame_set_reader::RIG;
 use crate::session::{index, seal_session};
 
-const STAGES: [&str; 9] = [
+const STAGES: [&str; 10] = [
     "rig",
     "odometry",
     "bundle-adjustment",
@@ -36,7 +36,11 @@ const STAGES: [&str; 9] = [
     "terrain",
     "feet",
     "maps",
+    "splats",
 ];
+
+/// Steps of the training: enough to see that it learns.
+pub(crate) const SPLAT_STEPS: &str = "300";
 
 pub(crate) struct Walk {
     simulation: Arc<Simulation>,
@@ -100,6 +104,7 @@ fn run(session: &Path, scene: &Path, threads: &str) -> Vec<(String, String)> {
     let mut command = Command::new(env!("CARGO_BIN_EXE_paws-reconstruct"));
     command.arg("run").arg(session).arg("--out").arg(scene);
     command.args(["--preset", "fast", "--json"]);
+    command.args(["--splat-steps", SPLAT_STEPS]);
     let output = command.env("RAYON_NUM_THREADS", threads).output();
     let output = output.expect("run");
     let errors = String::from_utf8_lossy(&output.stderr).into_owned();

@@ -11,3 +11,14 @@ pub enum Preset {
     /// Least error.
     Accurate,
 }
+
+impl Preset {
+    /// Its name on the command line.
+    pub(super) fn name(self) -> &'static str {
+        match self {
+            Self::Fast => "fast",
+            Self::Balanced => "balanced",
+            Self::Accurate => "accurate",
+        }
+    }
+}

@@ -121,10 +121,12 @@ pub fn write(
         sector.count = splats.len();
         sector.file = sector_path(number);
         sector.blake3 = blake3::hash(&bytes).to_hex().to_string();
-        check_sector(sector, splats, scene.degree).map_err(refuse)?;
         files.push((sector.file.clone(), bytes));
     }
     scene.check().map_err(refuse)?;
+    for (sector, splats) in scene.sectors.iter().zip(content.sectors) {
+        check_sector(sector, splats, scene.degree).map_err(refuse)?;
+    }
     match scene.background {
         SplatBackground::Sky { size } if content.sky.len() == size * size => {
             if !content.sky.as_flattened().iter().all(|v| v.is_finite()) {

@@ -52,11 +52,13 @@ fn show_lists_the_content() {
         "free m2: 5.8125\n",
         "parts: 2 ground, 1 wall, 1 obstacle\n",
         "height error p95 m: 0.0125\n",
+        "gaussians: 10\n",
+        "held out psnr db: 24.5\n",
     ] {
         assert!(shown.contains(expected), "{expected:?} in\n{shown}");
     }
     assert!(shown.lines().all(|line| line.trim_end() == line));
-    assert!(shown.ends_with("\n10 outputs, 0 problems\n"), "{shown}");
+    assert!(shown.ends_with("\n11 outputs, 0 problems\n"), "{shown}");
 
     let json = run(&["show", "--json", text(&sample.path.join("scene.json"))]);
     let json: Value = serde_json::from_slice(&json.stdout).expect("JSON");
@@ -157,7 +159,7 @@ fn verify_ends_with_1_when_a_byte_changed() {
     let fine = run(&["verify", text(&sample.path)]);
     assert_eq!(code(&fine), 0, "{}", error_text(&fine));
     assert!(
-        out_text(&fine).contains("10 outputs, 52 files, every byte is as it was written"),
+        out_text(&fine).contains("11 outputs, 57 files, every byte is as it was written"),
         "{}",
         out_text(&fine)
     );

@@ -15,7 +15,7 @@ use scene_bundle::{
     Bundle, Draft, Pose, Provenance, Record, RigRevision, Scene, Status, Trajectory,
 };
 
-use crate::ground;
+use crate::{ground, splats};
 
 pub(crate) const START_NS: i64 = 1_403_715_273_262_142_976;
 
@@ -57,6 +57,7 @@ impl Sample {
         put(outputs::TERRAIN, &ground::write_terrain);
         put(outputs::MAPS, &ground::write_maps);
         put(outputs::COLLISION, &ground::write_collision);
+        put(outputs::SPLATS, &splats::write);
         put(outputs::CLOUD, &|d| cloud::write(d, &points()).unwrap());
         put(outputs::DEPTH, &|d| {
             let writer = DepthWriter::new(d, vec![view()]).unwrap();

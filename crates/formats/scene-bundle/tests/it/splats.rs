@@ -11,7 +11,7 @@ use scene_bundle::outputs;
 use scene_bundle::outputs::splats::{self, *};
 use scene_bundle::{Bundle, BundleError, Draft, OutputReader, Scene};
 
-use crate::sample::{Sample, provenance, record};
+use crate::sample::{provenance, record};
 
 /// Gaussians around a point, with harmonics of degree 1.
 fn around(x: f32) -> Splats {
@@ -107,7 +107,7 @@ fn scene() -> SplatScene {
     }
 }
 
-fn write(draft: &Draft) {
+pub(crate) fn write(draft: &Draft) {
     write_of(draft, &scene(), &[around(0.0), around(12.0)]).unwrap();
 }
 
@@ -360,9 +360,11 @@ fn one_sector_is_exported_byte_by_byte() {
 
 #[test]
 fn a_bundle_without_gaussians_has_none_to_export() {
-    let sample = Sample::new();
-    let out = sample.out("walk.ply");
-    let error = export(&sample.scene(), Format::SplatPly, &Options::default(), &out);
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("walk.scene");
+    let bundle = Bundle::create_or_open(&path, provenance()).unwrap();
+    let out = folder.path().join("walk.ply");
+    let error = export(&bundle.scene(), Format::SplatPly, &Options::default(), &out);
     let error = error.unwrap_err().to_string();
     assert!(error.contains("no output splats"), "{error}");
 }

@@ -1,7 +1,7 @@
 //! Constants of the stage `splats`.
 
+use ::splats::{RenderConfig, StartConfig, TrainConfig};
 use estimator_config::config;
-use splats::{RenderConfig, StartConfig, TrainConfig};
 
 use super::super::preset::Preset;
 
@@ -44,12 +44,14 @@ config! {
 impl SplatsConfig {
     /// Configuration of a preset, with another number of steps if one is given.
     pub(super) fn preset(preset: Preset, steps: Option<usize>) -> Self {
-        let mut config = Self::default();
-        config.train = TrainConfig::preset(match preset {
-            Preset::Fast => splats::Preset::Fast,
-            Preset::Balanced => splats::Preset::Balanced,
-            Preset::Accurate => splats::Preset::Accurate,
-        });
+        let mut config = Self {
+            train: TrainConfig::preset(match preset {
+                Preset::Fast => ::splats::Preset::Fast,
+                Preset::Balanced => ::splats::Preset::Balanced,
+                Preset::Accurate => ::splats::Preset::Accurate,
+            }),
+            ..Self::default()
+        };
         if let Preset::Fast = preset {
             // Never full: reduced once and not in each step.
             config.reduction = 2;

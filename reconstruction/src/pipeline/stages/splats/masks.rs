@@ -55,7 +55,10 @@ pub(super) fn right(
         let Some(ray) = left.unproject(at).filter(|ray| ray[2] > 0.0) else {
             continue;
         };
-        let z = depth_m.get(pixel as usize).copied().map_or(f64::NAN, f64::from);
+        let z = depth_m
+            .get(pixel as usize)
+            .copied()
+            .map_or(f64::NAN, f64::from);
         let distances = match z > 0.0 {
             true => [z * (1.0 - DEPTH_ERROR), z * (1.0 + DEPTH_ERROR)],
             false => [min_distance_m, 1e4],
@@ -124,7 +127,10 @@ mod tests {
         depth[30 * 120 + 80] = 1.0;
         let found = right(&camera(), &mask, &depth, 0.25);
         let columns = masked(&found, 30);
-        assert!(columns.contains(&70) && !columns.contains(&80), "{columns:?}");
+        assert!(
+            columns.contains(&70) && !columns.contains(&80),
+            "{columns:?}"
+        );
         assert!(columns.len() < 8, "{columns:?}");
         assert!(masked(&found, 26).is_empty() && masked(&found, 34).is_empty());
         // Without depth anywhere from 0.25 m on: 40 px.

@@ -1,6 +1,6 @@
 //! Memory of a training, known before it starts.
 
-use splats::{Plane, RenderConfig};
+use splats::Plane;
 
 use super::config::SplatsConfig;
 
@@ -36,6 +36,5 @@ pub(super) fn needed_bytes(pixels: &[[u64; 2]], config: &SplatsConfig) -> u64 {
     let gaussian = 3 * 4 * planes + GATHERED;
     let gaussians = config.train.growth.max_splats as u64 * (COPIES * gaussian + 4 * planes);
     let start = config.start.max_points as u64 * VOXELS_PER_POINT * VOXEL;
-    let _: RenderConfig = config.render;
     images + read + gaussians.max(start) + largest / area * RENDERED
 }

@@ -53,7 +53,10 @@ impl RecordedDepth {
             let sigma_m = units(&image.sigma, pixel, SIGMA_UNIT_M)? * along_left;
             Some([depth_m, sigma_m.hypot(pose_sigma_m)])
         };
-        let both = self.pixels.iter().map(|pixel| one(pixel).unwrap_or([f32::NAN; 2]));
+        let both = self
+            .pixels
+            .iter()
+            .map(|pixel| one(pixel).unwrap_or([f32::NAN; 2]));
         let (depth_m, sigma_m) = both.map(|[depth, sigma]| (depth, sigma)).unzip();
         DepthOfPixels { depth_m, sigma_m }
     }
@@ -97,6 +100,12 @@ mod tests {
         }
         let none = DepthImage::from_metres(60, 40, &[f32::NAN; 2400], &[f32::NAN; 2400]);
         let found = RecordedDepth::new(&view, &left).of(&none, 0.003);
-        assert!(found.depth_m.iter().chain(&found.sigma_m).all(|v| v.is_nan()));
+        assert!(
+            found
+                .depth_m
+                .iter()
+                .chain(&found.sigma_m)
+                .all(|v| v.is_nan())
+        );
     }
 }

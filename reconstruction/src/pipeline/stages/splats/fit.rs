@@ -1,0 +1,108 @@
+//! The training from views, with checkpoints.
+
+use splats::{
+    Background, GrowthByNeed, Scene, Sky, SplatError, TrainReport, Trainer, TrainingView,
+    points_from_views, splats_from_points,
+};
+
+use super::checkpoint::CheckpointFile;
+use super::config::SplatsConfig;
+
+/// Steps between two checkpoints.
+const CHECKPOINT_STEPS: usize = 500;
+
+/// Held-out views whose PSNR is shown during the training.
+const SHOWN_VIEWS: usize = 16;
+
+/// A trained scene.
+pub(super) struct Fit {
+    pub(super) scene: Scene,
+    /// Number of Gaussians at the start.
+    pub(super) start_count: usize,
+    pub(super) report: TrainReport,
+}
+
+/// Progress of a training.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Progress {
+    pub(super) steps: usize,
+    pub(super) splats: usize,
+    /// Mean PSNR of some held-out views at the last checkpoint, dB.
+    pub(super) psnr_db: Option<f64>,
+}
+
+/// The scene at the start: discs at depths before a sky of the mean color of the rest. `None` where
+/// no pixel has depth.
+pub(super) fn start(
+    views: &[TrainingView],
+    config: &SplatsConfig,
+) -> Result<Option<Scene>, SplatError> {
+    let points = points_from_views(views, &config.start);
+    if points.is_empty() {
+        return Ok(None);
+    }
+    let (mut sums, mut count) = ([0_u64; 3], 0_u64);
+    for view in views {
+        for (pixel, depth) in view.depth_m.iter().enumerate() {
+            let is_usable = view.mask.get(pixel).copied().unwrap_or(true);
+            if is_usable && depth.is_nan() {
+                count += 1;
+                for (sum, value) in sums.iter_mut().zip(&view.rgb[3 * pixel..]) {
+                    *sum += u64::from(*value);
+                }
+            }
+        }
+    }
+    let color = sums.map(|sum| (sum as f64 / (255.0 * count.max(1) as f64)) as f32);
+    Ok(Some(Scene {
+        splats: splats_from_points(&points)?,
+        background: Background::Sky(Sky::uniform(config.sky_texels, color)?),
+    }))
+}
+
+/// Trains a scene, from its checkpoint if there is one.
+///
+/// # Errors
+/// [`SplatError::Diverged`] and those of the views.
+pub(super) fn fit(
+    scene: Scene,
+    views: Vec<TrainingView>,
+    held_out: &[TrainingView],
+    config: &SplatsConfig,
+    checkpoint: &CheckpointFile,
+    progress: &mut dyn FnMut(Progress),
+) -> Result<Fit, SplatError> {
+    let start_count = scene.splats.len();
+    let mut trainer = Trainer::new(scene, views, config.train, config.render, config.seed)?;
+    let mut growth = GrowthByNeed::new(&config.train);
+    if let Some(state) = checkpoint.read() {
+        match GrowthByNeed::resume(&state, &mut trainer) {
+            Ok(resumed) => growth = resumed,
+            Err(error) => checkpoint.discarded(&error.to_string()),
+        }
+    }
+    let shown = &held_out[..held_out.len().min(SHOWN_VIEWS)];
+    let mut psnr_db = None;
+    while trainer.steps() < config.train.steps {
+        let before = trainer.steps();
+        growth.advance(&mut trainer, held_out)?;
+        let steps = trainer.steps();
+        if steps / CHECKPOINT_STEPS > before / CHECKPOINT_STEPS && steps < config.train.steps {
+            checkpoint.write(&growth.checkpoint(&trainer)?);
+            psnr_db = (!shown.is_empty()).then(|| trainer.evaluate(shown).mean_psnr_db());
+        }
+        progress(Progress {
+            steps: steps.min(config.train.steps),
+            splats: trainer.scene().splats.len(),
+            psnr_db,
+        });
+    }
+    Ok(Fit {
+        start_count,
+        report: TrainReport {
+            checks: growth.checks().to_vec(),
+            evaluation: trainer.evaluate(held_out),
+        },
+        scene: trainer.scene().clone(),
+    })
+}

@@ -1,0 +1,81 @@
+//! Keyframes of the training, by camera: which of them are held out, and how they were exposed.
+
+use std::collections::BTreeSet;
+
+use scene_bundle::outputs::keyframes::Keyframe;
+use scene_bundle::outputs::rig::{RigCamera, RigModel};
+use session_archive::index::Index;
+use session_input::ReadError;
+
+use super::config::SplatsConfig;
+
+/// Keyframes of one camera, in order of time.
+pub(super) struct CameraKeyframes<'a> {
+    pub(super) camera: &'a RigCamera,
+    pub(super) keyframes: Vec<ChosenKeyframe>,
+    /// Whether the exposure of all of them is recorded.
+    pub(super) is_exposure_known: bool,
+}
+
+/// A keyframe in the training.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct ChosenKeyframe {
+    pub(super) keyframe: Keyframe,
+    /// Position in the camera's index.
+    pub(super) position: usize,
+    /// Number of its instant, from 0.
+    pub(super) instant: u32,
+    pub(super) is_held_out: bool,
+    /// Factor on the values of its images against the camera's median exposure.
+    pub(super) gain: f32,
+}
+
+/// Chooses keyframes that the session has images of.
+pub(super) fn choose<'a>(
+    rig: &'a RigModel,
+    keyframes: &[Keyframe],
+    index: &Index,
+    config: &SplatsConfig,
+) -> Result<Vec<CameraKeyframes<'a>>, ReadError> {
+    let sets: BTreeSet<u64> = keyframes.iter().map(|keyframe| keyframe.set).collect();
+    let sets: Vec<u64> = sets.into_iter().collect();
+    let mut cameras = Vec::new();
+    for (number, camera) in rig.cameras.iter().enumerate() {
+        let of_camera = keyframes.iter().filter(|k| usize::from(k.camera) == number);
+        let entries = index.camera(&camera.name);
+        let entries = entries.ok_or_else(|| ReadError::NoSuch(camera.name.clone()))?;
+        let mut chosen = Vec::new();
+        let mut exposures = Vec::new();
+        for keyframe in of_camera {
+            let Some(position) = entries.position(keyframe.frame) else {
+                continue;
+            };
+            let instant = sets.partition_point(|set| *set < keyframe.set);
+            let interval = config.held_out_interval.max(1);
+            chosen.push(ChosenKeyframe {
+                keyframe: *keyframe,
+                position,
+                instant: instant as u32,
+                is_held_out: instant % interval == config.held_out_offset % interval,
+                gain: 1.0,
+            });
+            exposures.push(entries.frames[position].exposure_ns);
+        }
+        let known: Option<Vec<u32>> = exposures.into_iter().collect();
+        let known = known.filter(|known| !known.is_empty() && known.iter().all(|ns| *ns > 0));
+        if let Some(known) = &known {
+            let mut sorted = known.clone();
+            sorted.sort_unstable();
+            let median = f64::from(sorted[sorted.len() / 2]);
+            for (chosen, ns) in chosen.iter_mut().zip(known) {
+                chosen.gain = libm::pow(f64::from(*ns) / median, 1.0 / config.gamma) as f32;
+            }
+        }
+        cameras.push(CameraKeyframes {
+            camera,
+            keyframes: chosen,
+            is_exposure_known: known.is_some(),
+        });
+    }
+    Ok(cameras)
+}

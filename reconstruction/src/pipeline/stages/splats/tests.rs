@@ -1,0 +1,208 @@
+use std::fs;
+
+use ::splats::{
+    Background, Camera, Exposure, RenderConfig, Renderer, Scene, Splat, SplatError, Splats,
+};
+use cad_transforms::RigidTransform;
+use camera_models::{CameraModel, Distortion};
+use serde_json::json;
+
+use super::fit::{fit, start};
+use super::*;
+
+const SIZE: (u32, u32) = (48, 32);
+
+/// A scene of colored balls before a plain background.
+fn truth() -> Scene {
+    let mut splats = Splats::empty(0).expect("a degree");
+    for i in 0..60_u16 {
+        let part = |k: u16| f32::from((i * 37 + k * 61) % 101) / 100.0;
+        let mut splat = Splat::sphere(0.12, [part(1), part(2), part(3)]);
+        splat.position_m = [2.4 * part(4) - 1.2, 1.6 * part(5) - 0.8, 3.0 + part(6)];
+        splat.opacity_logit = 3.0;
+        splats.push(&splat).expect("finite");
+    }
+    Scene {
+        splats,
+        background: Background::Constant([0.3, 0.4, 0.5]),
+    }
+}
+
+/// Views from beside each other.
+fn views(count: u32, offset_m: f64) -> Vec<TrainingView> {
+    let renderer = Renderer::new(RenderConfig::default()).expect("a renderer");
+    let model = CameraModel::new(SIZE, [45.0, 45.0, 23.5, 15.5], Distortion::None);
+    let truth = truth();
+    let view = |number: u32| {
+        let x = 0.1 * f64::from(number) - 0.5 + offset_m;
+        let pose = RigidTransform::from_translation_m([x, 0.0, 0.0]).expect("finite");
+        let camera = Camera::new(model, pose).expect("a camera");
+        let image = renderer.render(&truth, &camera, &Exposure::NONE);
+        let bytes = (0..3 * camera.pixels()).map(|i| (image.rgb[i % 3][i / 3] * 255.0) as u8);
+        let mut view = TrainingView::new(camera.clone(), bytes.collect(), number);
+        view.depth_sigma_m = vec![0.03; image.median_depth_m.len()];
+        view.depth_m = image.median_depth_m;
+        view
+    };
+    (0..count).map(view).collect()
+}
+
+fn settings(steps: usize) -> SplatsConfig {
+    let mut config = SplatsConfig::preset(Preset::Fast, Some(steps));
+    config.train.growth.check_steps = 40;
+    config.start.max_points = 300;
+    config
+}
+
+/// Without checkpoint.
+fn no_file() -> CheckpointFile {
+    CheckpointFile::new("/nowhere/splats.checkpoint".into(), &json!({}), &[])
+}
+
+fn scene(views: &[TrainingView], config: &SplatsConfig) -> Scene {
+    start(views, config).expect("points").expect("depth")
+}
+
+#[test]
+fn a_killed_training_resumes_with_the_same_result() {
+    let config = settings(1200);
+    let (training, held_out) = (views(10, 0.0), views(4, 0.23));
+    let folder = tempfile::tempdir().expect("a folder");
+    let of = |name: &str| {
+        let path = folder.path().join(name);
+        CheckpointFile::new(path, &json!({ "config": config }), &[])
+    };
+    let (mut steps, mut held) = (Vec::new(), None);
+    let mut progress = |now: fit::Progress| {
+        steps.push(now.steps);
+        held = held.or(now.psnr_db);
+        // What a process that is killed here leaves.
+        if now.steps >= 700 && !folder.path().join("killed").exists() {
+            let left = fs::copy(folder.path().join("whole"), folder.path().join("killed"));
+            left.expect("a checkpoint after 500 steps");
+        }
+    };
+    let whole = fit(
+        scene(&training, &config),
+        training.clone(),
+        &held_out,
+        &config,
+        &of("whole"),
+        &mut progress,
+    )
+    .expect("a training");
+    assert_eq!((steps[0], steps.last()), (1, Some(&1200)));
+    assert!(held.is_some_and(|db| db > 10.0), "{held:?}");
+    assert!(!whole.report.checks.is_empty());
+
+    let mut first = None;
+    let resumed = fit(
+        scene(&training, &config),
+        training,
+        &held_out,
+        &config,
+        &of("killed"),
+        &mut |now| first = first.or(Some(now.steps)),
+    )
+    .expect("a training");
+    assert!(first.is_some_and(|step| step > 500), "{first:?}");
+    assert!(resumed.scene == whole.scene);
+    assert_eq!(resumed.report, whole.report);
+    assert!(
+        whole.report.evaluation.mean_psnr_db() > 18.0,
+        "{:?}",
+        whole.report.evaluation
+    );
+}
+
+#[test]
+fn a_number_that_is_not_finite_is_an_error_with_its_step() {
+    let config = settings(50);
+    let mut training = views(4, 0.0);
+    let scene = scene(&training, &config);
+    training[0].exposure.matrix[1][1] = f32::NAN;
+    let result = fit(scene, training, &[], &config, &no_file(), &mut |_| {});
+    let error = result.err().expect("a failed training");
+    assert!(
+        matches!(error, SplatError::Diverged { step: 0..4, .. }),
+        "{error}"
+    );
+    assert!(
+        error.to_string().contains("training failed at step"),
+        "{error}"
+    );
+}
+
+#[test]
+fn depths_that_are_not_finite_are_no_depth() {
+    let config = settings(50);
+    let mut all = views(2, 0.0);
+    for view in &mut all {
+        view.depth_m[7] = f32::INFINITY;
+        view.depth_sigma_m[9] = f32::NAN;
+    }
+    let scene = start(&all, &config).expect("points").expect("depth");
+    assert!(Splats::from_planes(0, scene.splats.planes().to_vec()).is_ok());
+    for view in &mut all {
+        view.depth_m.fill(f32::NAN);
+    }
+    assert!(start(&all, &config).expect("no error").is_none());
+}
+
+#[test]
+fn too_little_memory_is_an_error_in_bytes_before_the_start() {
+    let model = CameraModel::new((672, 376), [300.0, 300.0, 335.5, 187.5], Distortion::None);
+    let camera = scene_bundle::outputs::rig::RigCamera {
+        name: "front".to_owned(),
+        left: model,
+        right: model,
+        rig_from_left: RigidTransform::identity(),
+        rig_from_left_covariance: None,
+        right_from_left: RigidTransform::identity(),
+        right_from_left_covariance: None,
+        line_s: 0.0,
+    };
+    let keyframe = ChosenKeyframe {
+        keyframe: outputs::keyframes::Keyframe {
+            set: 1,
+            frame: 1,
+            time_ns: 0,
+            camera: 0,
+            world_from_left: RigidTransform::identity(),
+        },
+        position: 0,
+        instant: 0,
+        is_held_out: false,
+        gain: 1.0,
+    };
+    let cameras = |count: usize| {
+        [CameraKeyframes {
+            camera: &camera,
+            keyframes: vec![keyframe; count],
+            is_exposure_known: false,
+        }]
+    };
+    let needed = |count: usize, preset: Preset| {
+        let config = SplatsConfig::preset(preset, None);
+        let error = check_memory(&cameras(count), &config, Some(0)).expect_err("no memory");
+        let text = error.to_string();
+        let bytes = text
+            .split(" bytes")
+            .next()
+            .and_then(|t| t.rsplit(' ').next());
+        assert!(text.contains("found 0 available"), "{text}");
+        let bytes: u64 = bytes.expect("a number").parse().expect("a number");
+        assert!(check_memory(&cameras(count), &config, Some(bytes)).is_ok());
+        assert!(check_memory(&cameras(count), &config, None).is_ok());
+        bytes
+    };
+    let balanced = needed(625, Preset::Balanced);
+    // Colors, masks and depths of 1250 images of 253 kpx, and the Gaussians.
+    assert!(
+        (2_500_000_000..4_000_000_000).contains(&balanced),
+        "{balanced}"
+    );
+    assert!(needed(625, Preset::Fast) < balanced / 3);
+    let per_image = (needed(1250, Preset::Balanced) - balanced) / 625;
+    assert_eq!(per_image, 672 * 376 * (3 + 1 + 8 + 3 + 1));
+}

@@ -1,0 +1,212 @@
+//! The stage `splats` of a simulated walk: its quality, what it loses and what it refuses.
+
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+
+use camera_models::Eye;
+use reconstruction::pipeline::report_of;
+use scene_bundle::outputs::depth::DepthWriter;
+use scene_bundle::outputs::masks::{self, Mask};
+use scene_bundle::outputs::{self, depth, keyframes, rig, splats};
+use scene_bundle::{Bundle, Draft, Record, Scene};
+
+use crate::full_disk::copy;
+use crate::walk::{SPLAT_STEPS, made, walk};
+
+fn run(scene: &Path, more: &[&str]) -> Output {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_paws-reconstruct"));
+    command.arg("run").arg(made().0).arg("--out").arg(scene);
+    command.args(["--preset", "fast", "--from", "splats"]);
+    command.args(["--splat-steps", SPLAT_STEPS]);
+    command.args(more).output().expect("run")
+}
+
+fn errors(output: &Output) -> String {
+    String::from_utf8_lossy(&output.stderr).into_owned()
+}
+
+#[test]
+fn the_scene_renders_what_the_cameras_recorded() {
+    let scene = Scene::open(&walk().scene).expect("a bundle");
+    let reader = scene.output(outputs::SPLATS).expect("an output");
+    let record = splats::read(&reader).expect("a record");
+    let held_out = record.held_out().expect("held-out images");
+    let count = record
+        .views
+        .iter()
+        .filter(|view| view.held_out.is_some())
+        .count();
+    println!(
+        "{} Gaussians, {count} of {} images held out, {held_out:?}",
+        record.count(),
+        record.views.len()
+    );
+    assert!(record.views.len() >= 30 && count >= 6, "{count}");
+    assert!(
+        held_out.psnr_db > 17.0 && held_out.ssim > 0.4,
+        "{held_out:?}"
+    );
+    assert!(record.training.depth_error.is_some_and(|error| error < 0.1));
+    // A whole instant is held out: no other image of it was trained.
+    let held: Vec<u64> = record
+        .views
+        .iter()
+        .filter(|v| v.held_out.is_some())
+        .map(|v| v.set)
+        .collect();
+    assert!(
+        record
+            .views
+            .iter()
+            .all(|v| v.held_out.is_some() == held.contains(&v.set))
+    );
+    assert!(
+        record
+            .views
+            .iter()
+            .any(|v| v.eye == Eye::Right && v.held_out.is_some())
+    );
+    let gaussians = splats::read_sector(&reader, &record, 0).expect("Gaussians");
+    assert_eq!(gaussians.len(), record.count());
+    assert!(
+        !splats::read_sky(&reader, &record)
+            .expect("a sky")
+            .is_empty()
+    );
+    let compared = (0..record.views.len())
+        .filter_map(|view| splats::read_comparison(&reader, view).expect("a file"))
+        .inspect(|png| assert!(png.starts_with(b"\x89PNG")));
+    assert_eq!(compared.count(), 3);
+    let report = report_of(&scene, outputs::SPLATS).expect("a report");
+    assert!(
+        report.losses.is_empty() && report.notes.len() == 1,
+        "{report:?}"
+    );
+}
+
+/// A copy of the walk's bundle with an output replaced.
+fn with(output: &str, write: &dyn Fn(&Draft, &Scene)) -> (tempfile::TempDir, PathBuf) {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("scene");
+    copy(made().1, &path);
+    let before = Scene::open(&path).expect("a bundle");
+    let manifest = before.manifest();
+    let bundle = Bundle::create_or_open(&path, manifest.provenance.clone()).expect("a bundle");
+    let old = &manifest.outputs[output];
+    let draft = bundle.begin(output).expect("a draft");
+    write(&draft, &before);
+    let record = Record {
+        stage: old.stage.clone(),
+        stage_version: old.stage_version,
+        settings: old.settings.clone(),
+        inputs: old.inputs.clone(),
+    };
+    draft.commit(record).expect("committed");
+    bundle.finish(1).expect("finished");
+    (folder, path)
+}
+
+/// The stage ends with a loss, and an output without Gaussians.
+fn loses(path: &Path, expected: &str) {
+    let output = run(path, &[]);
+    let errors = errors(&output);
+    assert_eq!(output.status.code(), Some(3), "{errors}");
+    assert!(errors.contains(expected), "{errors}");
+    let scene = Scene::open(path).expect("a bundle");
+    let reader = scene.output(outputs::SPLATS).expect("an output");
+    assert_eq!(splats::read(&reader).expect("a record").count(), 0);
+    let losses = report_of(&scene, outputs::SPLATS).expect("a report").losses;
+    assert_eq!(losses.len(), 1, "{losses:?}");
+}
+
+#[test]
+fn few_images_are_a_loss_and_none_are_nothing_to_do() {
+    let of = |count: usize| {
+        with(outputs::KEYFRAMES, &|draft, scene| {
+            let reader = scene.output(outputs::KEYFRAMES).expect("an output");
+            let mut all = keyframes::read(&reader).expect("keyframes");
+            all.truncate(count);
+            keyframes::write(draft, &all).expect("written");
+        })
+    };
+    let (_folder, path) = of(3);
+    loses(
+        &path,
+        "6 of 6 images can be used to train a scene of Gaussians, expected at least 20",
+    );
+    let (_folder, path) = of(0);
+    let output = run(&path, &[]);
+    let errors = errors(&output);
+    assert_eq!(output.status.code(), Some(0), "{errors}");
+    assert!(
+        errors.contains("no keyframe: there is nothing to train from"),
+        "{errors}"
+    );
+}
+
+#[test]
+fn images_that_are_masked_whole_are_a_loss() {
+    let (_folder, path) = with(outputs::MASKS, &|draft, scene| {
+        let reader = scene.output(outputs::RIG_REFINED).expect("an output");
+        for camera in rig::read(&reader).expect("a rig").cameras {
+            let (width, height) = (camera.left.width, camera.left.height);
+            let pixels = vec![0; (width * height) as usize];
+            let mask = Mask {
+                width,
+                height,
+                pixels,
+            };
+            masks::write(draft, &camera.name, Eye::Left, &mask).expect("written");
+        }
+    });
+    loses(
+        &path,
+        "images can be used to train a scene of Gaussians, expected at least 20",
+    );
+}
+
+#[test]
+fn no_depth_is_a_loss() {
+    let (_folder, path) = with(outputs::DEPTH, &|draft, scene| {
+        let reader = scene.output(outputs::DEPTH).expect("an output");
+        let index = depth::read_index(&reader).expect("an index");
+        DepthWriter::new(draft, index.views)
+            .expect("views")
+            .finish()
+            .expect("written");
+    });
+    loses(&path, "no keyframe has depth");
+}
+
+#[test]
+fn too_little_memory_is_an_error_and_the_old_output_stays() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("scene");
+    copy(made().1, &path);
+    let hash = || {
+        let scene = Scene::open(&path).expect("a bundle");
+        scene.manifest().outputs[outputs::SPLATS].hash.clone()
+    };
+    let before = hash();
+    let output = run(&path, &["--force", "--max-memory-mb", "1"]);
+    let errors = errors(&output);
+    assert_eq!(output.status.code(), Some(1), "{errors}");
+    assert!(
+        errors.contains("bytes of memory, found 1000000 available"),
+        "{errors}"
+    );
+    assert_eq!(hash(), before);
+
+    // A file of a training that was stopped, of another version: it is named, and gone afterwards.
+    let checkpoint = path.join("splats.checkpoint");
+    std::fs::write(&checkpoint, "state").expect("a file");
+    let output = run(&path, &["--force"]);
+    let errors = self::errors(&output);
+    assert_eq!(output.status.code(), Some(0), "{errors}");
+    assert!(
+        errors.contains("the checkpoint of the training is discarded"),
+        "{errors}"
+    );
+    assert!(!checkpoint.exists());
+    assert_eq!(hash(), before);
+}
