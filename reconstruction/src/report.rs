@@ -3,10 +3,11 @@
 //! Contract: the page shows images of the cameras; the path from above, colored by its distance
 //! from the ground truth after the best rigid fit, or without ground truth by the stated sigma,
 //! with a caption; the status of the rig over time; cloud and path in three dimensions and from two
-//! sides; footsteps on the height map and feet over time; the mesh of the ground; each stage with
-//! time and memory; and all notes and losses of stages. Missing outputs are named and left out. It
-//! is one file of less than 25 MB. Its text is a function of the bundle, of the ground truth, of
-//! the stage timings and of the images beside the bundle.
+//! sides; footsteps on the height map and feet over time; the mesh of the ground; held-out images
+//! beside those that the Gaussians render; each stage with time and memory; and all notes and losses
+//! of stages. Missing outputs are named and left out. It is one file of less than 25 MB. Its text is
+//! a function of the bundle, of the ground truth, of the stage timings and of the images beside the
+//! bundle.
 
 use std::io;
 use std::path::PathBuf;
@@ -28,6 +29,7 @@ use trajectory_map::Step;
 mod colors;
 mod facts;
 mod footstep_map;
+mod gaussians;
 mod ground;
 mod judgement;
 mod png_file;
@@ -173,6 +175,7 @@ pub fn report(
         .map(|pose| pose.world_from_rig.translation_m())
         .collect();
     page = ground.add(page, &rig_path)?;
+    page = gaussians::add(page, scene)?;
     page = stages_section(page, scene)?;
     Ok(Report {
         summary: summary(evaluation.as_ref(), cloud.as_deref(), &ground),

@@ -195,7 +195,16 @@ fn uncalibrated_rig_is_calibrated_and_reconstructed() {
     );
     let handoff = output.lines().find(|line| line.ends_with("handoff.json"));
     let handoff = handoff.expect("a hand-off").to_owned();
-    let run = ["run", &handoff, "--out", "walk.scene", "--preset", "fast"];
+    let run = [
+        "run",
+        &handoff,
+        "--out",
+        "walk.scene",
+        "--preset",
+        "fast",
+        "--to",
+        "maps",
+    ];
     let output = run_program(&reconstruct, here, &run, 1);
     assert!(
         output.contains("its intrinsics are not known") && output.contains(CALIBRATE),

@@ -60,6 +60,9 @@ pub(crate) struct Arguments {
     /// A segmentation network; movable objects get no depth (docs/reference/learned.md).
     #[arg(long, value_name = "MODEL.onnx")]
     segmentation_network: Option<PathBuf>,
+    /// Preset of the stage splats, instead of that of all stages.
+    #[arg(long, value_enum)]
+    splat_preset: Option<PresetName>,
     /// Training steps of the stage splats, instead of those of the preset (2000, 7000, 20000).
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     splat_steps: Option<u32>,
@@ -79,6 +82,16 @@ enum PresetName {
     Balanced,
     /// Least error
     Accurate,
+}
+
+impl From<PresetName> for Preset {
+    fn from(name: PresetName) -> Self {
+        match name {
+            PresetName::Fast => Self::Fast,
+            PresetName::Balanced => Self::Balanced,
+            PresetName::Accurate => Self::Accurate,
+        }
+    }
 }
 
 /// Value of `--calibration`.
@@ -156,11 +169,8 @@ fn reconstruct(arguments: &Arguments, input: &Input) -> Result<ExitCode> {
         hashes: BTreeMap::from([(stages::HANDOFF.to_owned(), seal)]),
     };
     let options = Options {
-        preset: match arguments.preset {
-            PresetName::Fast => Preset::Fast,
-            PresetName::Balanced => Preset::Balanced,
-            PresetName::Accurate => Preset::Accurate,
-        },
+        preset: arguments.preset.into(),
+        splat_preset: arguments.splat_preset.map(Preset::from),
         rig_overrides,
         networks: Networks::open(
             arguments.depth_network.as_deref(),

@@ -64,6 +64,8 @@ pub struct Options {
     pub rig_overrides: rig::RigOverrides,
     /// The user's networks.
     pub networks: networks::Networks,
+    /// Preset of the stage `splats` in place of that of all stages.
+    pub splat_preset: Option<Preset>,
     /// Number of training steps of the stage `splats` in place of the preset's.
     pub splat_steps: Option<usize>,
     /// Memory that the stage `splats` may use, bytes, where it is known.
@@ -94,7 +96,7 @@ pub fn pipeline(options: Options) -> Result<Pipeline<Input>, PipelineError> {
         Box::new(feet::FeetStage),
         Box::new(maps::MapsStage),
         Box::new(splats::SplatsStage {
-            preset,
+            preset: options.splat_preset.unwrap_or(preset),
             steps: options.splat_steps,
             memory_bytes: options.memory_bytes,
         }),

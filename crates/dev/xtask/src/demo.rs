@@ -53,6 +53,9 @@ const PACKAGES: [&str; 3] = ["capture-daemon", "collector", "reconstruction"];
 const BUILD_MINUTES: u32 = 6;
 const BUILD_GB: u32 = 2;
 
+/// Steps of the training of Gaussians: some tens of seconds on two cores.
+const SPLAT_STEPS: &str = "800";
+
 /// How often the line of a running stage is renewed.
 const HEARTBEAT: Duration = Duration::from_millis(200);
 
@@ -160,7 +163,16 @@ impl Demo {
         self.stage(
             "reconstruct",
             "paws-reconstruct",
-            &["run", &handoff, "--out", &scene],
+            &[
+                "run",
+                &handoff,
+                "--out",
+                &scene,
+                "--splat-preset",
+                "fast",
+                "--splat-steps",
+                SPLAT_STEPS,
+            ],
         )?;
         let truth = Path::new(&handoff).with_file_name("rig/truth.left_shoulder.csv");
         let truth = truth.display().to_string();

@@ -30,7 +30,8 @@ config! {
         pub far_m: f32 = 1e5,
         /// Share of the image size beyond its border up to which the projection of a pinhole camera
         /// is linearized at the mean itself; farther out at that border, because the
-        /// linearization diverges. Source: gsplat.
+        /// linearization diverges. Source: gsplat. Of a lens with distortion, which has no such
+        /// bound, Gaussians with their mean beyond that border are not rendered.
         pub margin: f32 = 0.15,
         /// Smallest share of an image's height left of a Gaussian that a rolling shutter
         /// compresses: `1 - time gradient · pixel velocity`. Below it the Gaussian is not rendered.

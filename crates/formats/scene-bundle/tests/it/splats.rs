@@ -51,7 +51,7 @@ fn sector(min_x: f64, views: Vec<usize>, other: usize) -> SplatSector {
 fn view(frame: u64, held_out: Option<HeldOut>) -> SplatView {
     SplatView {
         camera: "feet".to_owned(),
-        eye: if frame % 2 == 0 {
+        eye: if frame.is_multiple_of(2) {
             Eye::Left
         } else {
             Eye::Right

@@ -162,7 +162,7 @@ fn linearize(
 ) -> Option<(Vector2<f64>, Linear)> {
     let model = camera.model();
     if model.distortion != camera_models::Distortion::None {
-        return linearize_lens(camera, p);
+        return linearize_lens(camera, p, config);
     }
     let mean = Vector2::new(
         model.fx * p.x / p.z + model.cx,
@@ -190,9 +190,20 @@ fn linearize(
     Some((mean, Linear { jacobian, by_point }))
 }
 
-fn linearize_lens(camera: &Camera, p: Vector3<f64>) -> Option<(Vector2<f64>, Linear)> {
+fn linearize_lens(
+    camera: &Camera,
+    p: Vector3<f64>,
+    config: &RenderConfig,
+) -> Option<(Vector2<f64>, Linear)> {
     let at = |p: Vector3<f64>| camera.lens().project_with_jacobians(p.into());
     let here = at(p)?;
+    let sizes = [camera.model().width, camera.model().height];
+    for (pixel, size) in here.pixel.into_iter().zip(sizes.map(f64::from)) {
+        let beyond = f64::from(config.margin) * size + 0.5;
+        if !(-beyond..=size - 1.0 + beyond).contains(&pixel) {
+            return None;
+        }
+    }
     let step = LENS_STEP * p.z;
     let mut by_point = [Matrix2x3::zeros(); 3];
     for (k, by) in by_point.iter_mut().enumerate() {

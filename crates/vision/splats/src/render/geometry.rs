@@ -72,7 +72,7 @@ impl<V: Lanes> Linear<V> {
     #[inline(always)]
     pub(super) fn new(place: &Placement<V>, view: &View) -> Self {
         if let Some(lens) = &view.lens {
-            return Self::of_lens(&place.p, lens);
+            return Self::of_lens(&place.p, lens, view);
         }
         let [x, y, z] = place.p;
         let inverse = V::splat(1.0) / z;
@@ -95,9 +95,9 @@ impl<V: Lanes> Linear<V> {
         }
     }
 
-    /// In f64, one lane after the other.
+    /// In f64, one lane after the other. Lanes far beyond the image are not valid.
     #[inline(always)]
-    fn of_lens(p: &[V; 3], lens: &camera_models::Lens) -> Self {
+    fn of_lens(p: &[V; 3], lens: &camera_models::Lens, view: &View) -> Self {
         let mut points = [[0.0; LANES]; 3];
         for (values, p) in points.iter_mut().zip(p) {
             p.store(values);
@@ -106,7 +106,12 @@ impl<V: Lanes> Linear<V> {
         let mut valid = 0;
         for lane in 0..LANES {
             let point = points.map(|values| f64::from(values[lane]));
-            if let Some(at) = lens.project_with_jacobians(point) {
+            let at = lens.project_with_jacobians(point).filter(|at| {
+                let inside =
+                    |k: usize| (view.pixel_min[k]..=view.pixel_max[k]).contains(&at.pixel[k]);
+                inside(0) && inside(1)
+            });
+            if let Some(at) = at {
                 valid |= 1 << lane;
                 let j = |row, column| at.by_point[(row, column)] as f32;
                 let [x, y] = at.pixel.map(|v| v as f32);

@@ -23,6 +23,9 @@ pub(super) struct View {
     pub(super) rolling: Option<Rolling>,
     /// A lens with distortion.
     pub(super) lens: Option<Lens>,
+    /// Pixels beyond which it is not linearized: Gaussians there are not rendered.
+    pub(super) pixel_min: [f64; 2],
+    pub(super) pixel_max: [f64; 2],
 }
 
 /// A rolling shutter in f32.
@@ -63,6 +66,8 @@ impl View {
                 velocity: s.velocity_m_s.map(|v| v as f32),
                 rate: s.rate_rad_s.map(|v| v as f32),
             }),
+            pixel_min: [w, h].map(|size| -margin * size - 0.5),
+            pixel_max: [w, h].map(|size| size - 1.0 + margin * size + 0.5),
             lens: (model.distortion != Distortion::None).then_some(*camera.lens()),
         }
     }

@@ -225,11 +225,14 @@ fn check(
     }
     let splats = [&same, &larger].map(|trainer| trainer.scene().splats.len());
     let (mean, error) = paired(&evaluations[0].psnr_db, &evaluations[1].psnr_db);
-    // A gain is proportional to the logarithm of the number.
-    let ratio = (splats[1] as f64 / splats[0].max(1) as f64).max(1.0 + 1e-6);
-    let per_tenth = libm::log(1.1) / libm::log(ratio);
-    let upper_gain_db = (mean + 2.0 * error) * per_tenth;
     let has_grown = splats[1] > splats[0];
+    // A gain is proportional to the logarithm of the number. Where more were removed than split there
+    // is none.
+    let per_tenth = match has_grown {
+        true => libm::log(1.1) / libm::log(splats[1] as f64 / splats[0].max(1) as f64),
+        false => 0.0,
+    };
+    let upper_gain_db = (mean + 2.0 * error) * per_tenth;
     let continues = has_grown && upper_gain_db >= f64::from(config.growth.min_gain_db);
     *trainer = if continues { larger } else { same };
     trainer.set_growth(continues);

@@ -398,7 +398,7 @@ fn a_resumed_training_equals_one_that_was_not_stopped() {
     let mut growth = GrowthByNeed::new(trainer.config());
     let mut checkpoints = Vec::new();
     while trainer.steps() < 400 {
-        if trainer.steps() % 7 == 0 {
+        if trainer.steps().is_multiple_of(7) {
             checkpoints.push(growth.checkpoint(&trainer).unwrap());
         }
         growth.advance(&mut trainer, &held_out).unwrap();

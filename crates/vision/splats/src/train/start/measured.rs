@@ -19,13 +19,17 @@ const MAX_LEVEL: u8 = 20;
 /// Most voxels in memory for each point that is wanted: they double above that.
 pub const MAX_VOXELS_PER_POINT: usize = 8;
 
-/// Depths of neighbors that differ by more than this share have an edge between them.
-const MAX_STEP: f32 = 0.05;
+/// Neighbors of a pixel for its normal, steps away: errors of depth tilt nearer ones too much.
+const NEIGHBOR_STEPS: usize = 2;
+
+/// Along a plane the inverse depth is linear in the pixel. A share of it by which the depth of a
+/// pixel may differ from the mean of its neighbors on both sides; beyond it there is an edge.
+const MAX_BEND: f64 = 0.05;
 
 config! {
     /// Configuration of the points at which a scene starts.
     pub struct StartConfig {
-        /// Largest number of points. Voxels double until there are no more of them.
+        /// Largest number of points. Voxels grow by a half of an octave until there are no more.
         pub max_points: usize = 75_000,
         /// Edge of a voxel at the distance of its nearest view, px.
         pub spacing_px: f64 = 2.0,
@@ -46,6 +50,7 @@ type Voxel = (u8, [i32; 3]);
 struct Sums {
     count: f64,
     position_m: [f64; 3],
+    normals: f64,
     normal: [f64; 3],
     color: [f64; 3],
     /// Sum of `1 / sigma²`.
@@ -57,6 +62,7 @@ impl Sums {
         let add = |a: &mut [f64; 3], b: &[f64; 3]| a.iter_mut().zip(b).for_each(|(a, b)| *a += b);
         self.count += other.count;
         add(&mut self.position_m, &other.position_m);
+        self.normals += other.normals;
         add(&mut self.normal, &other.normal);
         add(&mut self.color, &other.color);
         self.information += other.information;
@@ -68,7 +74,7 @@ impl Sums {
         StartPoint {
             position_m: mean(self.position_m),
             // Depths of several surfaces have no common normal.
-            normal: (length > 0.5 * self.count).then(|| self.normal.map(|v| (v / length) as f32)),
+            normal: (length > 0.5 * self.normals).then(|| self.normal.map(|v| (v / length) as f32)),
             spacing_m: spacing_m as f32,
             // That of a single depth: errors of neighbors are not independent.
             sigma_m: (self.count / self.information).sqrt() as f32,
@@ -98,6 +104,18 @@ impl Sums {
 /// # Ok::<(), splats::SplatError>(())
 /// ```
 pub fn points_from_views(views: &[TrainingView], config: &StartConfig) -> Vec<StartPoint> {
+    let mut larger = *config;
+    larger.spacing_px *= std::f64::consts::SQRT_2;
+    larger.min_spacing_m *= std::f64::consts::SQRT_2;
+    let [points, fewer] = [config, &larger].map(|config| in_octaves(views, config));
+    match fewer.len() > points.len() {
+        true => fewer,
+        false => points,
+    }
+}
+
+/// The same with voxels that double until there are no more points than allowed.
+fn in_octaves(views: &[TrainingView], config: &StartConfig) -> Vec<StartPoint> {
     let mut voxels: HashMap<Voxel, Sums> = HashMap::new();
     let mut rays: Vec<(CameraModel, Vec<[f32; 3]>)> = Vec::new();
     // Level of the smallest voxels.
@@ -186,13 +204,12 @@ fn measured(
     if !(sigma > 0.0 && sigma <= config.max_relative_sigma * z) {
         return None;
     }
-    let step = config.step_px.max(1);
+    let step = NEIGHBOR_STEPS * config.step_px.max(1);
     // Difference of the neighbors on both sides along one axis, where they are on one surface.
     let along = |before: Option<[f64; 3]>, after: Option<[f64; 3]>| {
         let (a, b) = (before?, after?);
-        let limit = f64::from(MAX_STEP) * z;
-        let is_smooth = (a[2] - z).abs() < limit && (b[2] - z).abs() < limit;
-        is_smooth.then(|| [b[0] - a[0], b[1] - a[1], b[2] - a[2]])
+        let bend = 0.5 * z * (1.0 / a[2] + 1.0 / b[2]) - 1.0;
+        (bend.abs() < MAX_BEND).then(|| [b[0] - a[0], b[1] - a[1], b[2] - a[2]])
     };
     let inside = |column: Option<usize>, row: Option<usize>| {
         let (column, row) = (column?, row?);
@@ -226,6 +243,7 @@ fn measured(
     let sums = Sums {
         count: 1.0,
         position_m,
+        normals: normal.map_or(0.0, |_| 1.0),
         normal: normal.map_or([0.0; 3], |normal| world_from_camera.rotate(normal)),
         color,
         information: 1.0 / (sigma * sigma),

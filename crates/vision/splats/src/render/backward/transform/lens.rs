@@ -5,7 +5,7 @@ use crate::render::geometry::{Linear, Placement};
 use crate::render::view::View;
 
 /// Step of the differences of a distorted lens's Jacobian, as a share of the depth.
-const LENS_STEP: f64 = 1e-5;
+const LENS_STEP: f64 = 1e-6;
 
 /// Adds to the point's gradient those through its pixel and through the lens's Jacobian.
 #[inline(always)]
@@ -63,25 +63,31 @@ fn add_distorted<V: Lanes>(
     for lane in 0..LANES {
         let point = points.map(|values| f64::from(values[lane]));
         let step = LENS_STEP * point[2];
-        for k in 0..3 {
-            let (mut after, mut before) = (point, point);
-            after[k] += step;
-            before[k] -= step;
-            let both = lens
-                .project_with_jacobians(after)
-                .zip(lens.project_with_jacobians(before));
-            // At the edge of the lens's domain the Jacobian is taken as constant.
-            let Some((after, before)) = both else {
-                continue;
-            };
-            let slope = (after.by_point - before.by_point) / (2.0 * step);
+        let beside = |k: usize| {
+            let mut beside = point;
+            beside[k] += step;
+            Some(lens.project_with_jacobians(beside)?.by_point)
+        };
+        let here = lens.project_with_jacobians(point).map(|at| at.by_point);
+        // At the edge of the lens's domain the Jacobian is taken as constant.
+        let (Some(here), Some(x), Some(y)) = (here, beside(0), beside(1)) else {
+            continue;
+        };
+        let dot = |of: nalgebra::Matrix2x3<f64>| {
             let mut sum = 0.0;
             for row in 0..2 {
                 for column in 0..3 {
-                    sum += slope[(row, column)] * f64::from(gradient[row][column][lane]);
+                    sum += of[(row, column)] * f64::from(gradient[row][column][lane]);
                 }
             }
-            added[k][lane] = sum as f32;
+            sum
+        };
+        let (x, y) = (dot((x - here) / step), dot((y - here) / step));
+        // A pixel depends on the direction alone, so that the Jacobian falls with the distance:
+        // along the point itself its derivative is its negative.
+        let z = (-dot(here) - point[0] * x - point[1] * y) / point[2];
+        for (added, value) in added.iter_mut().zip([x, y, z]) {
+            added[lane] = value as f32;
         }
     }
     for k in 0..3 {
