@@ -197,7 +197,7 @@ fn too_little_memory_is_an_error_and_the_old_output_stays() {
     );
     assert_eq!(hash(), before);
 
-    // A file of a training that was stopped, of another version: it is named, and gone afterwards.
+    // A file of a training that was stopped, of another version: it is named and removed.
     let checkpoint = path.join("splats.checkpoint");
     std::fs::write(&checkpoint, "state").expect("a file");
     let output = run(&path, &["--force"]);

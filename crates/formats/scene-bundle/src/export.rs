@@ -40,6 +40,7 @@ pub use options::Options;
 pub use summary::Summary;
 
 use folder::NewFolder;
+use splats::SplatFormat;
 
 /// What to write.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -409,7 +410,9 @@ pub fn export(
         Format::GridMap => grid_map::export(scene, out)?,
         Format::HeightGeotiff => height_geotiff::export(scene, out)?,
         Format::Mjcf => mjcf::export(scene, out)?,
-        Format::SplatPly | Format::Spz | Format::Splat => splats::export(scene, format, out)?,
+        Format::SplatPly => splats::export(scene, SplatFormat::Ply, out)?,
+        Format::Spz => splats::export(scene, SplatFormat::Spz, out)?,
+        Format::Splat => splats::export(scene, SplatFormat::Splat, out)?,
     };
     let outdated = scene.manifest().outdated();
     for name in format.outputs(options.causal) {

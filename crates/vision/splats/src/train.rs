@@ -11,6 +11,7 @@ mod evaluate;
 mod exposures;
 mod grow;
 mod loss;
+mod measured;
 mod need;
 mod poses;
 mod schedule;
@@ -24,9 +25,8 @@ pub use config::{
     ExposureConfig, GrowthConfig, LossConfig, OptimizerConfig, PoseConfig, Preset, TrainConfig,
 };
 pub use evaluate::{Evaluation, psnr_db};
+pub use measured::{MAX_VOXELS_PER_POINT, StartConfig, points_from_views};
 pub use need::{GrowthByNeed, GrowthCheck, TrainReport, train};
-pub use start::{
-    MAX_VOXELS_PER_POINT, StartConfig, StartPoint, points_from_views, splats_from_points,
-};
+pub use start::{StartPoint, splats_from_points};
 pub use trainer::{StepReport, Trainer};
 pub use view::TrainingView;

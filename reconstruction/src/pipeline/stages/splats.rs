@@ -1,15 +1,15 @@
 //! Stage `splats`: the scene as 3D Gaussians, trained from images of keyframes.
 //!
 //! Contract: images are those of the session at the poses of the keyframes, without rectification,
-//! each row of a rolling shutter at its own time. Pixels that masks exclude train nothing. The scene
-//! starts at the depths of the keyframes; held-out instants decide how many Gaussians it has, and
-//! neither their images nor their depths train it. Same input, settings and seed, same bytes on any
-//! number of threads, also after a kill: every 500 steps the state is kept beside the bundle's
+//! each row of a rolling shutter at its own time. Pixels that masks exclude train nothing. The
+//! scene starts at the depths of the keyframes; held-out instants decide how many Gaussians it has,
+//! and neither their images nor their depths train it. Same input, settings and seed, same bytes on
+//! any number of threads, also after a kill: every 500 steps the state is kept beside the bundle's
 //! outputs, and a run with the same settings and inputs continues it.
 //!
 //! Too few images, no depth and images that are masked whole are losses, with an output without
 //! sectors. Too little memory is an error before the training, values that are not finite one
-//! during it; the older output then stays.
+//! during it; the older output is kept then.
 
 use std::path::Path;
 
@@ -23,7 +23,7 @@ use self::checkpoint::CheckpointFile;
 use self::config::SplatsConfig;
 use self::keyframes::{CameraKeyframes, ChosenKeyframe};
 use self::product::{Names, Views};
-use self::views::{Inputs, RecordedView, ViewMaker};
+use self::views::{BATCH, Inputs, RecordedView, ViewMaker};
 use super::preset::Preset;
 use crate::input::{HANDOFF, Input};
 use crate::pipeline::{Stage, StageError, Work};
@@ -39,9 +39,6 @@ mod recorded_depth;
 #[cfg(test)]
 mod tests;
 mod views;
-
-/// Stereo frames that are read in one go, on several threads.
-const BATCH: usize = 8;
 
 /// Share of the progress for reading images, against the steps of the training.
 const READ_STEPS: u64 = 5;

@@ -1,8 +1,8 @@
 //! The Gaussians as one file: `.ply` of 3DGS, `.spz`, `.splat`.
 //!
 //! Contract: `.ply` and `.splat` keep the axes of the world, z up, since neither format states any;
-//! `.spz` states that y is up, and positions, rotations and harmonics are rotated to that. No format
-//! holds a sky. Sectors follow each other.
+//! `.spz` states that y is up, and positions, rotations and harmonics are rotated to that. No
+//! format holds a sky. Sectors follow each other.
 
 use std::path::Path;
 
@@ -10,14 +10,38 @@ use cad_transforms::output::{Existing, write};
 use gaussians::Splats;
 use gaussians::files::{dot_splat, ply, spz};
 
-use super::Format;
 use super::error::ExportError;
 use super::summary::Summary;
+use crate::outputs;
 use crate::outputs::splats::{self, SplatBackground};
-use crate::outputs::{self};
 use crate::scene::Scene;
 
-pub(super) fn export(scene: &Scene, format: Format, out: &Path) -> Result<Summary, ExportError> {
+/// The file format.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum SplatFormat {
+    /// As 3DGS writes it.
+    Ply,
+    /// Compressed.
+    Spz,
+    /// One color each.
+    Splat,
+}
+
+impl SplatFormat {
+    fn name(self) -> &'static str {
+        match self {
+            Self::Ply => "splat-ply",
+            Self::Spz => "spz",
+            Self::Splat => "splat",
+        }
+    }
+}
+
+pub(super) fn export(
+    scene: &Scene,
+    format: SplatFormat,
+    out: &Path,
+) -> Result<Summary, ExportError> {
     let reader = scene.output(outputs::SPLATS)?;
     let record = splats::read(&reader)?;
     let mut all = Splats::empty(record.degree).map_err(|error| refused(format, &error))?;
@@ -30,7 +54,7 @@ pub(super) fn export(scene: &Scene, format: Format, out: &Path) -> Result<Summar
     }
     let mut notes = Vec::new();
     let bytes = match format {
-        Format::Spz => {
+        SplatFormat::Spz => {
             notes.push(
                 "y is up in SPZ: x, y, z of the world are written as x, z, -y, with the harmonics"
                     .to_owned(),
@@ -38,7 +62,7 @@ pub(super) fn export(scene: &Scene, format: Format, out: &Path) -> Result<Summar
             let rotated = all.transformed(&spz::rub_from_z_up());
             spz::write(&rotated, record.compensated).map_err(|error| refused(format, &error))?
         }
-        Format::Splat => {
+        SplatFormat::Splat => {
             notes.push("z is up as in the world; many viewers assume y down".to_owned());
             if record.degree > 0 {
                 notes.push(
@@ -48,7 +72,7 @@ pub(super) fn export(scene: &Scene, format: Format, out: &Path) -> Result<Summar
             }
             dot_splat::write(&all)
         }
-        _ => {
+        SplatFormat::Ply => {
             notes.push("z is up as in the world; many viewers assume y down".to_owned());
             ply::write(&all, record.compensated)
         }
@@ -59,7 +83,7 @@ pub(super) fn export(scene: &Scene, format: Format, out: &Path) -> Result<Summar
             format.name()
         ));
     }
-    if record.compensated && format == Format::Splat {
+    if record.compensated && format == SplatFormat::Splat {
         notes.push(
             ".splat cannot state that opacities are compensated: distant parts look too thin"
                 .to_owned(),
@@ -73,7 +97,7 @@ pub(super) fn export(scene: &Scene, format: Format, out: &Path) -> Result<Summar
     })
 }
 
-fn refused(format: Format, error: &dyn std::error::Error) -> ExportError {
+fn refused(format: SplatFormat, error: &dyn std::error::Error) -> ExportError {
     ExportError::Refused {
         format: format.name(),
         found: format!("Gaussians where {error}"),

@@ -1,9 +1,10 @@
 //! Output `splats`: the scene as 3D Gaussians that render what the cameras recorded.
 //!
 //! Contract: `splats.json` has sectors, views and the training; each sector is a `.ply` file as
-//! 3DGS writes it, in the world of the bundle; `sky.npy` the colors behind the Gaussians, where they
-//! depend on the direction; `held-out/N.png` view N as recorded and as rendered, side by side, of
-//! some views. Every Gaussian is in the sector in whose box its mean is. Its parameters are finite.
+//! 3DGS writes it, in the world of the bundle; `sky.npy` the colors behind the Gaussians, where
+//! they depend on the direction; `held-out/N.png` view N as recorded and as rendered, side by side,
+//! of some views. Every Gaussian is in the sector in whose box its mean is. Its parameters are
+//! finite.
 
 mod record;
 
@@ -166,12 +167,12 @@ pub fn read(reader: &OutputReader) -> Result<SplatScene, BundleError> {
     Ok(scene)
 }
 
-/// Reads the Gaussians of a sector. Memory is that of the file, however many Gaussians the record or
-/// the file state.
+/// Reads the Gaussians of a sector. Memory is that of the file, however many Gaussians the record
+/// or the file state.
 ///
 /// # Errors
-/// As [`OutputReader::read`]; [`BundleError::Malformed`], also for a sector that the record does not
-/// have.
+/// As [`OutputReader::read`]; [`BundleError::Malformed`], also for a sector that the record does
+/// not have.
 pub fn read_sector(
     reader: &OutputReader,
     scene: &SplatScene,
@@ -194,7 +195,7 @@ pub fn read_sector(
         )));
     }
     let file = ply::read(&bytes, sector.count).map_err(|error: FileError| {
-        let expected = "Gaussians as 3DGS writes them, as many as the record states";
+        let expected = "Gaussians as 3DGS writes them, in the number of the record";
         malformed(Fault::new("file", error.to_string(), expected))
     })?;
     if file.splats.len() != sector.count || file.compensated != scene.compensated {

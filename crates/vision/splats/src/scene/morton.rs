@@ -1,6 +1,6 @@
 //! Order of Gaussians in memory.
 
-use super::Splats;
+use gaussians::Splats;
 
 /// Indices along a Morton curve over the box of all positions, so that neighbors in space are
 /// neighbors in memory.

@@ -73,12 +73,9 @@ pub fn train(trainer: &mut Trainer, held_out: &[TrainingView]) -> Result<TrainRe
 /// # let scene = Scene { splats, background: Background::Constant([0.0; 3]) };
 /// # let mut config = TrainConfig::default();
 /// # config.steps = 20;
-/// let new = || Trainer::new(scene.clone(), vec![view.clone()], config, RenderConfig::default(), 7);
-/// let (mut trainer, mut growth) = (new()?, GrowthByNeed::new(&config));
-/// for _ in 0..10 {
-///     growth.advance(&mut trainer, &[])?;
-/// }
-/// let checkpoint = growth.checkpoint(&trainer)?;
+/// let new = || Trainer::new(scene.clone(), vec![view.clone()], config, RenderConfig::default(),
+/// 7); let (mut trainer, mut growth) = (new()?, GrowthByNeed::new(&config)); for _ in 0..10 {
+/// growth.advance(&mut trainer, &[])?; } let checkpoint = growth.checkpoint(&trainer)?;
 ///
 /// // Another process makes the same trainer from the same views and continues.
 /// let mut resumed = new()?;
@@ -226,8 +223,8 @@ fn check(
     let splats = [&same, &larger].map(|trainer| trainer.scene().splats.len());
     let (mean, error) = paired(&evaluations[0].psnr_db, &evaluations[1].psnr_db);
     let has_grown = splats[1] > splats[0];
-    // A gain is proportional to the logarithm of the number. Where more were removed than split there
-    // is none.
+    // A gain is proportional to the logarithm of the number. Where more were removed than split
+    // there is none.
     let per_tenth = match has_grown {
         true => libm::log(1.1) / libm::log(splats[1] as f64 / splats[0].max(1) as f64),
         false => 0.0,

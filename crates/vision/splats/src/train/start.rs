@@ -1,9 +1,5 @@
 //! The scene at the start of a training: oriented discs where depth was measured.
 
-mod measured;
-
-pub use measured::{MAX_VOXELS_PER_POINT, StartConfig, points_from_views};
-
 use gaussians::GaussianError;
 
 use crate::error::SplatError;

@@ -1,8 +1,8 @@
 //! The file of a training that was not completed, in the bundle's folder and no part of the bundle.
 //!
-//! Contract: it is used only by a run with the same settings and inputs, and only if it is whole. It
-//! is replaced in one step, so that a run that was killed while writing leaves the older one. What
-//! cannot be used is discarded with a warning: the training then begins with its first step.
+//! Contract: it is used only by a run with the same settings and inputs, and only if it is whole.
+//! It is replaced in one step, so that a run that was killed while writing leaves the older one.
+//! What cannot be used is discarded with a warning: the training then begins with its first step.
 
 use std::fs::{self, File};
 use std::io::{self, Write};
@@ -89,7 +89,8 @@ impl CheckpointFile {
         }
     }
 
-    /// Replaces the file. A training goes on where this fails: it only loses more when it is killed.
+    /// Replaces the file. A training goes on where this fails: it only loses more when it is
+    /// killed.
     pub(super) fn write(&self, state: &[u8]) {
         let temporary = self.path.with_extension("checkpoint.tmp");
         let hash = blake3::hash(state);

@@ -25,8 +25,8 @@ config! {
         /// Nearest distance of what a mask of a left image shows, m, where it has no depth: it
         /// decides how wide the mask of the right image is. As in the stage `depth`.
         pub min_distance_m: f64 = 0.25,
-        /// Exponent between radiance and the values of images. Source: IEC 61966-2-1, whose curve it
-        /// approximates.
+        /// Exponent between radiance and the values of images. Source: IEC 61966-2-1, whose curve
+        /// it approximates.
         pub gamma: f64 = 2.2,
         /// Texels along an edge of the map of the sky: 6 degrees each.
         pub sky_texels: usize = 32,

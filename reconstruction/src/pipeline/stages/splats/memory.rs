@@ -3,6 +3,7 @@
 use splats::Plane;
 
 use super::config::SplatsConfig;
+use super::views::BATCH;
 
 /// Bytes of a pixel of an image: colors and mask; with depth and its standard deviation.
 const PIXEL: u64 = 3 + 1;
@@ -31,7 +32,7 @@ pub(super) fn needed_bytes(pixels: &[[u64; 2]], config: &SplatsConfig) -> u64 {
     let images: u64 = pixels.iter().map(image).sum();
     // Whole images while they are read.
     let largest = pixels.iter().flatten().copied().max().unwrap_or(0);
-    let read = super::BATCH as u64 * 2 * largest * (PIXEL + DEPTH);
+    let read = BATCH as u64 * 2 * largest * (PIXEL + DEPTH);
     let planes = Plane::count(config.train.degree) as u64;
     let gaussian = 3 * 4 * planes + GATHERED;
     let gaussians = config.train.growth.max_splats as u64 * (COPIES * gaussian + 4 * planes);

@@ -20,6 +20,9 @@ use crate::pipeline::stages::pose_interpolation::pose_at;
 /// Time over which the motion is measured, ns.
 const STEP_NS: i64 = 10_000_000;
 
+/// Stereo frames that are read in one go, on several threads.
+pub(super) const BATCH: usize = 8;
+
 /// Most cameras of a rig: images of one frame share an exposure.
 const MAX_CAMERAS: u32 = 8;
 
@@ -151,8 +154,8 @@ impl<'a> ViewMaker<'a> {
         })
     }
 
-    /// Motion of a camera with a rolling shutter at a time; `None` for a global shutter and where the
-    /// poses around the time are not known.
+    /// Motion of a camera with a rolling shutter at a time; `None` for a global shutter and where
+    /// the poses around the time are not known.
     fn shutter(&self, rig_from_camera: &RigidTransform, time_ns: i64) -> Option<SplatShutter> {
         if self.camera.line_s <= 0.0 {
             return None;

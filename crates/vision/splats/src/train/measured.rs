@@ -10,13 +10,13 @@ use camera_models::{CameraModel, Lens};
 use estimator_config::config;
 use rayon::prelude::*;
 
-use super::StartPoint;
-use crate::train::view::TrainingView;
+use super::start::StartPoint;
+use super::view::TrainingView;
 
 /// Most levels of the octree: the largest voxels are this power of two of the smallest.
 const MAX_LEVEL: u8 = 20;
 
-/// Most voxels in memory for each point that is wanted: they double above that.
+/// Most voxels in memory for each point of the result: they double above that.
 pub const MAX_VOXELS_PER_POINT: usize = 8;
 
 /// Neighbors of a pixel for its normal, steps away: errors of depth tilt nearer ones too much.
