@@ -54,7 +54,7 @@ const BUILD_MINUTES: u32 = 6;
 const BUILD_GB: u32 = 2;
 
 /// Steps of the training of Gaussians: some tens of seconds on two cores.
-const SPLAT_STEPS: &str = "800";
+const SPLAT_STEPS: &str = "700";
 
 /// How often the line of a running stage is renewed.
 const HEARTBEAT: Duration = Duration::from_millis(200);

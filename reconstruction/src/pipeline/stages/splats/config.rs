@@ -17,7 +17,7 @@ config! {
         /// Every which instant is held out, with all of its cameras and both images.
         pub held_out_interval: usize = 8,
         /// Which of those instants, from 0.
-        pub held_out_offset: usize = 4,
+        pub held_out_offset: usize = 2,
         /// Fewest usable images of a training.
         pub min_images: usize = 20,
         /// Part of the poses in the standard deviation of a depth, m; as in the stage `terrain`.
