@@ -303,8 +303,8 @@ config! {
         pub max_settling_m: f64 = 0.04,
         /// See `max_settling_m`.
         pub max_settling_rad: f64 = 0.2,
-        /// Standard deviation of a foot at rest about its pose in a frame, m and rad: shoes give way,
-        /// and a fit knows the place of a tag across its rays to a hundredth of a millimeter.
+        /// Standard deviation of a foot at rest about its pose in a frame, m and rad: shoes give
+        /// way, and a fit knows the place of a tag across its rays to a hundredth of a millimeter.
         pub frame_sigma: [f64; 2] = [0.001, 0.004],
         /// Standard deviation of errors that all frames of a stance share: in the plane of the
         /// sole and along its normal, m; tilt and heading, rad.
