@@ -19,6 +19,7 @@ mod gradients;
 mod image;
 mod order;
 mod project;
+mod rays;
 #[cfg(test)]
 mod tests;
 mod view;

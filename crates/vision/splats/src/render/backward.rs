@@ -17,7 +17,6 @@ use super::forward::{Pass, Renderer};
 use super::gradients::{Gradients, ImageGradient};
 use crate::camera::Camera;
 use crate::error::SplatError;
-use crate::render::view::View;
 use crate::scene::{Exposure, Plane, Scene};
 use pixels::{Pixels, TileGradient};
 use tile::{Slot, TileBackward};
@@ -61,10 +60,9 @@ impl Renderer {
         gradient: &ImageGradient,
     ) -> Result<Gradients, SplatError> {
         gradient.check(&pass.image)?;
-        let view = View::new(camera, &self.config);
+        let view = self.view(scene, camera);
         let pixels = Pixels {
             scene,
-            camera,
             view: &view,
             exposure,
             config: &self.config,

@@ -5,7 +5,6 @@ use rayon::prelude::*;
 use super::blend::{Cells, TileImage, cell_of};
 use super::image::Image;
 use super::view::{TILE, View};
-use crate::camera::Camera;
 use crate::config::RenderConfig;
 use crate::scene::{Background, Exposure, Scene};
 
@@ -20,7 +19,6 @@ struct Band<'a> {
 pub(super) fn finish(
     tiles: &[TileImage],
     scene: &Scene,
-    camera: &Camera,
     view: &View,
     exposure: &Exposure,
     config: &RenderConfig,
@@ -35,7 +33,7 @@ pub(super) fn finish(
         median_depth_m: plane(),
         alpha: plane(),
     };
-    let sky = SkyView::new(scene, camera, view);
+    let sky = SkyView::new(scene, view);
     let band = view.width * TILE;
     let [red, green, blue] = &mut image.rgb;
     red.par_chunks_mut(band)
@@ -98,15 +96,13 @@ fn finish_band(
 /// The background as a camera sees it.
 pub(super) struct SkyView<'a> {
     background: &'a Background,
-    camera: &'a Camera,
     view: &'a View,
 }
 
 impl<'a> SkyView<'a> {
-    pub(super) fn new(scene: &'a Scene, camera: &'a Camera, view: &'a View) -> Self {
+    pub(super) fn new(scene: &'a Scene, view: &'a View) -> Self {
         Self {
             background: &scene.background,
-            camera,
             view,
         }
     }
@@ -132,16 +128,13 @@ impl<'a> SkyView<'a> {
     /// Direction of a pixel in the world, of any length.
     pub(super) fn direction(&self, column: usize, row: usize) -> Option<[f32; 3]> {
         let v = self.view;
-        let [x, y, z] = match self.view.lens {
+        let [x, y, z] = match &v.rays {
             None => [
                 (column as f32 - v.principal[0]) / v.focal[0],
                 (row as f32 - v.principal[1]) / v.focal[1],
                 1.0,
             ],
-            Some(_) => {
-                let pixel = [column as f64, row as f64];
-                self.camera.lens().unproject(pixel)?.map(|v| v as f32)
-            }
+            Some(rays) => rays.get(row * v.width + column)?,
         };
         let r = &v.rotation;
         Some(std::array::from_fn(|k| {

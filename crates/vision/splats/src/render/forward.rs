@@ -8,13 +8,14 @@ use super::bins::Bins;
 use super::blend::{Blend, TileImage};
 use super::image::Image;
 use super::project::{self, Footprint};
+use super::rays::RayTables;
 use super::view::View;
 use super::{finish, order};
 use crate::camera::Camera;
 use crate::config::RenderConfig;
 use crate::error::SplatError;
 use crate::lanes::Level;
-use crate::scene::{Exposure, Scene};
+use crate::scene::{Background, Exposure, Scene};
 
 /// Work that an image needed.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -50,10 +51,11 @@ pub struct RenderStats {
 /// assert!(image.median_depth_m[0].is_nan());
 /// # Ok::<(), splats::SplatError>(())
 /// ```
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub struct Renderer {
     pub(super) config: RenderConfig,
     pub(super) level: Level,
+    rays: RayTables,
 }
 
 /// An image with what its gradients need.
@@ -128,6 +130,7 @@ impl Renderer {
         Ok(Self {
             config,
             level: Level::best(),
+            rays: RayTables::default(),
         })
     }
 
@@ -172,6 +175,15 @@ impl Renderer {
         self.forward_ranges(scene, &ranges, 1, camera, exposure)
     }
 
+    /// The camera as the kernels use it for a scene.
+    pub(super) fn view(&self, scene: &Scene, camera: &Camera) -> View {
+        let mut view = View::new(camera, &self.config);
+        if let Background::Sky(_) = scene.background {
+            view.rays = self.rays.of(camera);
+        }
+        view
+    }
+
     /// Renders some ranges of the Gaussians.
     pub(super) fn forward_ranges(
         &self,
@@ -181,7 +193,7 @@ impl Renderer {
         camera: &Camera,
         exposure: &Exposure,
     ) -> Pass {
-        let view = View::new(camera, &self.config);
+        let view = self.view(scene, camera);
         let (splats, config) = (&scene.splats, &self.config);
         let (footprints, degenerate) =
             project::project(splats, ranges, ranges_per_task, &view, config, self.level);
@@ -199,7 +211,7 @@ impl Renderer {
                 })
             })
             .collect();
-        let image = finish::finish(&tiles, scene, camera, &view, exposure, &self.config);
+        let image = finish::finish(&tiles, scene, &view, exposure, &self.config);
         Pass {
             image,
             stats: RenderStats {

@@ -390,7 +390,7 @@ fn levels_and_threads_give_the_same_bytes() {
     };
     let expected = bits(&renderer.render(&scene, &camera, &exposure()));
     for level in Level::all() {
-        let renderer = renderer.with_level(level);
+        let renderer = renderer.clone().with_level(level);
         assert!(
             bits(&renderer.render(&scene, &camera, &exposure())) == expected,
             "{level:?}"

@@ -1,7 +1,10 @@
 //! A camera in f32, as the kernels use it.
 
+use std::sync::Arc;
+
 use camera_models::{Distortion, Lens};
 
+use super::rays::Rays;
 use crate::camera::Camera;
 use crate::config::RenderConfig;
 
@@ -21,6 +24,8 @@ pub(super) struct View {
     pub(super) slope_min: [f32; 2],
     pub(super) slope_max: [f32; 2],
     pub(super) rolling: Option<Rolling>,
+    /// Directions of the pixels of a lens with distortion before a sky.
+    pub(super) rays: Option<Arc<Rays>>,
     /// A lens with distortion.
     pub(super) lens: Option<Lens>,
     /// Pixels beyond which it is not linearized: Gaussians there are not rendered.
@@ -68,6 +73,7 @@ impl View {
             }),
             pixel_min: [w, h].map(|size| -margin * size - 0.5),
             pixel_max: [w, h].map(|size| size - 1.0 + margin * size + 0.5),
+            rays: None,
             lens: (model.distortion != Distortion::None).then_some(*camera.lens()),
         }
     }

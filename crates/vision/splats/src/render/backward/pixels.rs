@@ -1,6 +1,5 @@
 //! From the gradient of an image to that of the blended tiles: exposure, depth, background.
 
-use crate::camera::Camera;
 use crate::config::RenderConfig;
 use crate::lanes::LANES;
 use crate::render::blend::{CELLS, Cells, TileImage, cell_of, origin};
@@ -35,7 +34,6 @@ impl Default for TileGradient {
 
 pub(super) struct Pixels<'a> {
     pub(super) scene: &'a Scene,
-    pub(super) camera: &'a Camera,
     pub(super) view: &'a View,
     pub(super) exposure: &'a Exposure,
     pub(super) config: &'a RenderConfig,
@@ -46,7 +44,7 @@ impl Pixels<'_> {
     /// Fills a tile's start; returns the gradient with respect to the exposure's matrix.
     pub(super) fn tile(&self, tile: usize, image: &TileImage, out: &mut TileGradient) -> [f64; 12] {
         let [x, y] = origin(self.view, tile);
-        let sky = SkyView::new(self.scene, self.camera, self.view);
+        let sky = SkyView::new(self.scene, self.view);
         let mut exposure = [0.0; 12];
         for row in 0..TILE.min(self.view.height - y) {
             // In f32 over a row, in f64 over rows.

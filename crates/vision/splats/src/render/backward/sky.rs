@@ -40,7 +40,7 @@ fn of_row(
     sums: &mut [[f32; 3]],
 ) {
     let view = pixels.view;
-    let sky_view = SkyView::new(pixels.scene, pixels.camera, view);
+    let sky_view = SkyView::new(pixels.scene, view);
     let top = tile_row * TILE;
     for row in top..view.height.min(top + TILE) {
         for column in 0..view.width {
