@@ -50,22 +50,27 @@ fn foot(strike_s: f64, rate_hz: f64, noise_m: f64, seed: u64) -> Vec<FootObserva
     frames.collect()
 }
 
+/// Contacts of both feet from their poses in frames.
+fn contacts_of(seen: &[Vec<FootObservation>; 2]) -> [Vec<Contact>; 2] {
+    let config = GaitConfig::default();
+    let found = [0, 1].map(|k: usize| stances(&seen[k], &config.stance));
+    let feet = [0, 1].map(|k: usize| FootStances {
+        observations: &seen[k],
+        stances: &found[k],
+        sole: SOLE,
+    });
+    contacts(feet, &RigHeights::default(), &config.events)
+}
+
 /// Errors of events, s, and in their sigmas: heel strikes and toe offs.
 fn errors(rate_hz: f64, noise_m: f64) -> [Vec<[f64; 2]>; 2] {
-    let config = GaitConfig::default();
     let mut errors = [Vec::new(), Vec::new()];
     let mut lifts_seen = 0;
     for seed in 0..12 {
         let phase = 0.1 + 0.013 * seed as f64;
         let begins = [phase, phase + 0.5 * STRIDE_S];
         let seen = begins.map(|begin| foot(begin, rate_hz, noise_m, 7 + seed));
-        let found = [0, 1].map(|k: usize| stances(&seen[k], &config.stance));
-        let feet = [0, 1].map(|k: usize| FootStances {
-            observations: &seen[k],
-            stances: &found[k],
-            sole: SOLE,
-        });
-        let contacts = contacts(feet, &RigHeights::default(), &config.events);
+        let contacts = contacts_of(&seen);
         for (side, contacts) in contacts.iter().enumerate() {
             // Of the first and the last one not everything is seen.
             for contact in &contacts[1..contacts.len() - 2] {
@@ -154,7 +159,6 @@ fn a_single_stance_has_all_events_in_order() {
 /// Every second step of the left foot is hidden until 0.28 s after its strike.
 #[test]
 fn strikes_out_of_sight_are_between_those_of_the_other_foot() {
-    let config = GaitConfig::default();
     let (mut errors, mut hidden) = (Vec::new(), 0);
     for seed in 0..8 {
         let phase = 0.1 + 0.017 * seed as f64;
@@ -165,13 +169,7 @@ fn strikes_out_of_sight_are_between_those_of_the_other_foot() {
             let is_odd = strides.floor().rem_euclid(2.0) == 1.0;
             !is_odd || (strides - strides.floor()) * STRIDE_S > 0.2 + 0.28
         });
-        let found = [0, 1].map(|k: usize| stances(&seen[k], &config.stance));
-        let feet = [0, 1].map(|k: usize| FootStances {
-            observations: &seen[k],
-            stances: &found[k],
-            sole: SOLE,
-        });
-        let [left, _] = contacts(feet, &RigHeights::default(), &config.events);
+        let [left, _] = contacts_of(&seen);
         for contact in &left[1..left.len() - 2] {
             let strike = contact.heel_strike;
             let strides = (strike.time_s - phase) / STRIDE_S;
@@ -194,7 +192,6 @@ fn strikes_out_of_sight_are_between_those_of_the_other_foot() {
 /// Frames are missing for 2.4 s: what is stated of events beside that covers where they are.
 #[test]
 fn events_beside_missing_frames_are_as_uncertain_as_they_are() {
-    let config = GaitConfig::default();
     let mut errors = Vec::new();
     for seed in 0..10 {
         let phase = 0.1 + 0.02 * seed as f64;
@@ -204,13 +201,7 @@ fn events_beside_missing_frames_are_as_uncertain_as_they_are() {
         for own in &mut seen {
             own.retain(|own| !(from_s..to_s).contains(&seconds(own.time_ns)));
         }
-        let found = [0, 1].map(|k: usize| stances(&seen[k], &config.stance));
-        let feet = [0, 1].map(|k: usize| FootStances {
-            observations: &seen[k],
-            stances: &found[k],
-            sole: SOLE,
-        });
-        let both = contacts(feet, &RigHeights::default(), &config.events);
+        let both = contacts_of(&seen);
         for (own, begin) in both.iter().zip(begins) {
             for contact in own {
                 let [first_s, last_s] = contact.stance.times_ns.map(seconds);
@@ -294,7 +285,6 @@ fn events_of_people_who_run_are_less_certain() {
 
 #[test]
 fn habits_are_not_learned_from_irregular_steps() {
-    let config = GaitConfig::default();
     let begins = [0.1, 0.1 + 0.5 * STRIDE_S];
     let mut seen = begins.map(|begin| foot(begin, 15.0, 0.003, 5));
     // Both stand for three seconds more before they walk.
@@ -303,13 +293,7 @@ fn habits_are_not_learned_from_irregular_steps() {
             frame.time_ns += 3_000_000_000;
         }
     }
-    let found = [0, 1].map(|k: usize| stances(&seen[k], &config.stance));
-    let feet = [0, 1].map(|k: usize| FootStances {
-        observations: &seen[k],
-        stances: &found[k],
-        sole: SOLE,
-    });
-    let both = contacts(feet, &RigHeights::default(), &config.events);
+    let both = contacts_of(&seen);
     for (contacts, begin) in both.iter().zip(begins) {
         for contact in &contacts[2..contacts.len() - 2] {
             let since = contact.heel_strike.time_s - begin - 3.0;
