@@ -77,6 +77,12 @@ pub(super) struct Lift {
 }
 
 impl Lift {
+    /// Whether something is learned of it.
+    #[cfg(test)]
+    pub(super) fn is_typical(&self) -> bool {
+        self.shares.is_some()
+    }
+
     /// Of which nothing is learned: heel off and toe off.
     fn without_habit([heel_off, toe_off]: [Event; 2]) -> Self {
         Self {

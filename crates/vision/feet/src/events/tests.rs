@@ -285,24 +285,36 @@ fn events_of_people_who_run_are_less_certain() {
 
 #[test]
 fn habits_are_not_learned_from_irregular_steps() {
+    let config = GaitConfig::default();
     let begins = [0.1, 0.1 + 0.5 * STRIDE_S];
-    let mut seen = begins.map(|begin| foot(begin, 15.0, 0.003, 5));
-    // Both stand for three seconds more before they walk.
-    for own in &mut seen {
-        for frame in own.iter_mut().skip(4) {
-            frame.time_ns += 3_000_000_000;
-        }
-    }
-    let both = contacts_of(&seen);
-    for (contacts, begin) in both.iter().zip(begins) {
-        for contact in &contacts[2..contacts.len() - 2] {
-            let since = contact.heel_strike.time_s - begin - 3.0;
-            let strike_s = begin + 3.0 + (since / STRIDE_S).round() * STRIDE_S;
-            let error = contact.toe_off.time_s - strike_s - BEARING_S;
-            assert!(
-                error.abs() < 2.0 * contact.toe_off.sigma_s,
-                "{error} {contact:?}"
-            );
-        }
-    }
+    let seen = begins.map(|begin| {
+        let mut own = foot(begin, 15.0, 0.003, 5);
+        // Until the first step both feet stand for two seconds more.
+        let first = own
+            .iter()
+            .position(|own| seconds(own.time_ns) > begin + 0.1);
+        let rest = own[first.unwrap()];
+        let standing = (0..30).map(|n| FootObservation {
+            time_ns: rest.time_ns - (30 - n) * 66_666_667,
+            ..rest
+        });
+        own.splice(..first.unwrap(), standing);
+        own
+    });
+    let found = [0, 1].map(|k: usize| stances(&seen[k], &config.stance));
+    let [left, right] = [0, 1].map(|k: usize| FootStances {
+        observations: &seen[k],
+        stances: &found[k],
+        sole: SOLE,
+    });
+    let habit = StrikeHabit::generic(&config.events);
+    let strikes =
+        [left, right].map(|own| strikes(&own, &Unseen::default(), &habit, &config.events));
+    let lift_of = |k: usize| {
+        let strikes = Strikes::new(&strikes[0], &strikes[1]);
+        let habit = LiftHabit::generic(&config.events);
+        lift(&left, k, strikes, None, &habit, &config.events)
+    };
+    assert!(!lift_of(0).is_typical());
+    assert!(lift_of(3).is_typical());
 }
