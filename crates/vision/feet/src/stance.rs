@@ -287,11 +287,11 @@ fn step_on_the_spot(
     stance: &Stance,
     config: &StanceConfig,
 ) -> Option<Range<usize>> {
-    let place = Place::new(observations, stance.observations.start, config);
+    let check = PoseCheck::new(observations, stance.observations.start, config);
     let mut longest = (config.min_swing_s, None);
     let mut last = stance.observations.start;
     for k in stance.observations.clone() {
-        if !place.has(&stance.world_from_foot, &observations[k]) {
+        if !check.agrees(&stance.world_from_foot, &observations[k]) {
             continue;
         }
         let away_s = 1e-9 * (observations[k].time_ns - observations[last].time_ns) as f64;
@@ -303,19 +303,19 @@ fn step_on_the_spot(
     longest.1
 }
 
-/// Which frames belong to a pose.
-struct Place<'a> {
+/// Whether frames show a foot at a pose.
+struct PoseCheck<'a> {
     point: SurePoint,
     config: &'a StanceConfig,
 }
 
-impl<'a> Place<'a> {
+impl<'a> PoseCheck<'a> {
     fn new(observations: &[FootObservation], first: usize, config: &'a StanceConfig) -> Self {
         let point = SurePoint::of(&observations[first].covariance);
         Self { point, config }
     }
 
-    fn has(&self, world_from_foot: &RigidTransform, own: &FootObservation) -> bool {
+    fn agrees(&self, world_from_foot: &RigidTransform, own: &FootObservation) -> bool {
         let config = self.config;
         let motion = motion(world_from_foot, &own.world_from_foot);
         let tolerance = [config.max_deviation_m, config.max_deviation_rad];
@@ -335,10 +335,10 @@ fn stance(
     mut run: Range<usize>,
     config: &StanceConfig,
 ) -> Option<Stance> {
-    let place = Place::new(observations, run.start, config);
+    let check = PoseCheck::new(observations, run.start, config);
     let mut pose = mean(&observations[run.clone()], config);
     loop {
-        let belongs = |k: usize| place.has(&pose.0, &observations[k]);
+        let belongs = |k: usize| check.agrees(&pose.0, &observations[k]);
         let first = run.clone().find(|k| belongs(*k))?;
         let last = run.clone().rfind(|k| belongs(*k))?;
         let trimmed = first..last + 1;
