@@ -10,20 +10,18 @@ use std::ops::Range;
 use cad_transforms::{Covariance, RigidTransform};
 use nalgebra::{Matrix6, Vector4, Vector6};
 
-use self::on_the_spot::{step_on_the_spot, without_hovering};
-use self::pose_check::PoseCheck;
 use self::sure_point::{MAX_SIGMA_M, SurePoint, is_small};
 use crate::config::StanceConfig;
 use crate::poses::motion;
 
-mod on_the_spot;
-mod pose_check;
 mod sure_point;
 
 /// Standard deviations, in six dimensions, by which motions of a foot at rest seem to differ from
 /// none: fewer in 99.5 % of the cases.
 const SIGMAS: f64 = 4.3;
 
+/// Least number of frames that show a foot away from its place.
+const MIN_AWAY_FRAMES: usize = 2;
 /// Number of frames of a run that are tried as its pose.
 const SOME_FRAMES: usize = 16;
 
@@ -108,6 +106,25 @@ pub fn stances(observations: &[FootObservation], config: &StanceConfig) -> Vec<S
         }
     }
     without_hovering(found, config)
+}
+
+/// The stances without those above the ones before and after them with hardly a time in between: a
+/// foot that steps on the spot is slow on top of its swing.
+fn without_hovering(stances: Vec<Stance>, config: &StanceConfig) -> Vec<Stance> {
+    let is_above = |k: usize, other: usize| {
+        let [own, other] = [k, other].map(|k: usize| &stances[k]);
+        let gap_s = own.seconds_until(other).max(other.seconds_until(own));
+        let rise = own.world_from_foot.translation().z - other.world_from_foot.translation().z;
+        gap_s < config.min_swing_s && rise > config.max_deviation_m
+    };
+    let hovers = |k: usize| {
+        let is_last = k + 1 == stances.len();
+        k > 0 && is_above(k, k - 1) && (is_last || is_above(k, k + 1))
+    };
+    let rests: Vec<bool> = (0..stances.len()).map(|k| !hovers(k)).collect();
+    let both = stances.into_iter().zip(rests);
+    both.filter_map(|(stance, rests)| rests.then_some(stance))
+        .collect()
 }
 
 /// Runs of observations between which a foot hardly moves, besides single ones that contradict
@@ -261,6 +278,54 @@ fn stances_of(
                 .collect()
         }
         None => vec![stance],
+    }
+}
+
+/// The longest run of frames in a stance that do not belong to it, if it is as long as a swing.
+fn step_on_the_spot(
+    observations: &[FootObservation],
+    stance: &Stance,
+    config: &StanceConfig,
+) -> Option<Range<usize>> {
+    let check = PoseCheck::new(observations, stance.observations.start, config);
+    let mut longest = (config.min_swing_s, None);
+    let mut last = stance.observations.start;
+    for k in stance.observations.clone() {
+        if !check.agrees(&stance.world_from_foot, &observations[k]) {
+            continue;
+        }
+        let away_s = 1e-9 * (observations[k].time_ns - observations[last].time_ns) as f64;
+        if k - last > MIN_AWAY_FRAMES && away_s > longest.0 {
+            longest = (away_s, Some(last + 1..k));
+        }
+        last = k;
+    }
+    longest.1
+}
+
+/// Whether frames show a foot at a pose.
+struct PoseCheck<'a> {
+    point: SurePoint,
+    config: &'a StanceConfig,
+}
+
+impl<'a> PoseCheck<'a> {
+    fn new(observations: &[FootObservation], first: usize, config: &'a StanceConfig) -> Self {
+        let point = SurePoint::of(&observations[first].covariance);
+        Self { point, config }
+    }
+
+    fn agrees(&self, world_from_foot: &RigidTransform, own: &FootObservation) -> bool {
+        let config = self.config;
+        let motion = motion(world_from_foot, &own.world_from_foot);
+        let tolerance = [config.max_deviation_m, config.max_deviation_rad];
+        is_within(&motion, own.covariance.matrix(), tolerance) || {
+            let displacement = self
+                .point
+                .displacement(world_from_foot, &own.world_from_foot);
+            let covariance = self.point.covariance(&own.covariance);
+            is_small(&displacement, &covariance, 0.5 * config.max_deviation_m)
+        }
     }
 }
 
