@@ -162,7 +162,11 @@ fn over_voxels(found: &Value, chart: Chart, measures: &[(&str, &str)]) -> Chart 
         let size = words.next_back().unwrap_or("?");
         measures.iter().map(move |(name, path)| {
             let points = rows(&row["curve"]).iter();
-            let at = |own: &Value| (100.0 * number(own, "voxel_m"), number(own, path));
+            let value = |own: &Value| match path.split_once('.') {
+                Some((errors, key)) => quantile(own, errors, key),
+                None => number(own, path),
+            };
+            let at = |own: &Value| (100.0 * number(own, "voxel_m"), value(own));
             let name = match name.is_empty() {
                 true => format!("{scene} {size}"),
                 false => format!("{scene} {size}, {name}"),
