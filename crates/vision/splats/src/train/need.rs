@@ -73,9 +73,14 @@ pub fn train(trainer: &mut Trainer, held_out: &[TrainingView]) -> Result<TrainRe
 /// # let scene = Scene { splats, background: Background::Constant([0.0; 3]) };
 /// # let mut config = TrainConfig::default();
 /// # config.steps = 20;
-/// let new = || Trainer::new(scene.clone(), vec![view.clone()], config, RenderConfig::default(),
-/// 7); let (mut trainer, mut growth) = (new()?, GrowthByNeed::new(&config)); for _ in 0..10 {
-/// growth.advance(&mut trainer, &[])?; } let checkpoint = growth.checkpoint(&trainer)?;
+/// let views = vec![view];
+/// let new = || Trainer::new(scene.clone(), views.clone(), config, RenderConfig::default(), 7);
+/// let mut trainer = new()?;
+/// let mut growth = GrowthByNeed::new(&config);
+/// for _ in 0..10 {
+///     growth.advance(&mut trainer, &[])?;
+/// }
+/// let checkpoint = growth.checkpoint(&trainer)?;
 ///
 /// // Another process makes the same trainer from the same views and continues.
 /// let mut resumed = new()?;
