@@ -165,6 +165,16 @@ impl Splats {
         }
     }
 
+    /// Largest scale of a Gaussian, m.
+    ///
+    /// # Panics
+    /// If the index is not below [`Self::len`].
+    pub fn largest_scale_m(&self, index: usize) -> f32 {
+        let scales = &self.planes[Plane::SCALE..Plane::SCALE + 3];
+        let logs = scales.iter().map(|plane| plane[index]);
+        libm::expf(logs.fold(f32::NEG_INFINITY, f32::max))
+    }
+
     /// Number of Gaussians.
     pub fn len(&self) -> usize {
         self.planes[0].len()

@@ -28,16 +28,27 @@ pub(super) struct Adam {
 /// Learning rates of a step.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Rates {
-    pub(super) position: f32,
+    /// Of positions: the same for all Gaussians, m, and as a share of their largest scale.
+    pub(super) position_m: f32,
+    pub(super) position_by_size: f32,
     /// Of the harmonics above degree 0; 0 where they are not trained.
     pub(super) harmonics: f32,
 }
 
 impl Rates {
+    /// Of the position of each of some Gaussians, m.
+    fn positions(&self, splats: &Splats, indices: &[u32]) -> Vec<f32> {
+        let rate = |index: &u32| {
+            let size_m = splats.largest_scale_m(*index as usize);
+            self.position_by_size.mul_add(size_m, self.position_m)
+        };
+        indices.iter().map(rate).collect()
+    }
+
     fn of(&self, plane: usize, config: &OptimizerConfig) -> f32 {
         const COLOR_END: usize = Plane::HARMONICS + 3;
         match plane {
-            0..Plane::SCALE => self.position,
+            0..Plane::SCALE => self.position_m,
             Plane::SCALE..Plane::ROTATION => config.scale,
             Plane::ROTATION..Plane::OPACITY => config.rotation,
             Plane::OPACITY => config.opacity,
@@ -131,6 +142,7 @@ impl Adam {
                 }
             }
         }
+        let position_rates = rates.positions(splats, &gradients.indices);
         let (steps, corrections) = (&self.steps, &self.corrections);
         splats
             .planes_mut()
@@ -140,13 +152,15 @@ impl Adam {
             .zip(&gradients.planes)
             .enumerate()
             .for_each(|(plane, (((values, first), second), gradient))| {
+                let is_position = plane < Plane::SCALE;
                 let rate = rates.of(plane, config);
-                if rate == 0.0 {
+                if rate == 0.0 && !is_position {
                     return;
                 }
                 let steps = &steps[usize::from(plane < Plane::HARMONICS + 3)];
-                for (index, g) in gradients.indices.iter().zip(gradient) {
+                for (k, (index, g)) in gradients.indices.iter().zip(gradient).enumerate() {
                     let i = *index as usize;
+                    let rate = if is_position { position_rates[k] } else { rate };
                     let correction = corrections[usize::from(steps[i]) - 1];
                     let change = update(&mut first[i], &mut second[i], *g, correction, config);
                     let value = values[i] - rate * change;

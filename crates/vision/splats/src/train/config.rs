@@ -67,8 +67,13 @@ config! {
     /// Configuration of the optimizer, Adam (Kingma and Ba 2015), on the visible Gaussians of a
     /// step.
     pub struct OptimizerConfig {
-        /// Learning rate of positions at the first step, per metre of the scene's radius.
-        pub position: f32 = 1e-4,
+        /// Learning rate of positions at the first step as a share of the largest scale of a
+        /// Gaussian. One rate for all is too fast for small Gaussians nearby or too slow for large
+        /// ones far away.
+        pub position_by_size: f32 = 0.03,
+        /// Added to it, per metre of the scene's radius. Source of rates by radius: Kerbl et al.
+        /// 2023.
+        pub position: f32 = 0.0,
         /// The learning rate of positions at the last step as a share of that at the first one.
         pub position_decay: f32 = 0.01,
         /// Learning rate of the logarithms of scales.
@@ -78,7 +83,7 @@ config! {
         /// Learning rate of the logits of opacities.
         pub opacity: f32 = 2.5e-2,
         /// Learning rate of the harmonics of degree 0.
-        pub color: f32 = 2.5e-3,
+        pub color: f32 = 5e-3,
         /// Learning rate of the other harmonics.
         pub harmonics: f32 = 1.25e-4,
         /// Learning rate of the background's colors.
@@ -213,7 +218,8 @@ impl TrainConfig {
         self.full_from = 0.2;
         self.loss.depth_weight = 0.0;
         let optimizer = &mut self.optimizer;
-        (optimizer.position, optimizer.opacity) = (5e-5, 5e-2);
+        (optimizer.position, optimizer.position_by_size) = (5e-5, 0.0);
+        (optimizer.opacity, optimizer.color) = (5e-2, 2.5e-3);
         let growth = &mut self.growth;
         (growth.start, growth.interval) = (500, 100);
         growth.stop = 25.0 / 30.0;

@@ -118,8 +118,8 @@ pub fn points_from_views(views: &[TrainingView], config: &StartConfig) -> Vec<St
 fn in_octaves(views: &[TrainingView], config: &StartConfig) -> Vec<StartPoint> {
     let mut voxels: HashMap<Voxel, Sums> = HashMap::new();
     let mut rays: Vec<(CameraModel, Vec<[f32; 3]>)> = Vec::new();
-    // Level of the smallest voxels.
-    let mut least = 0;
+    // Of all voxels.
+    let mut doublings = 0;
     for view in views.iter().filter(|view| !view.depth_m.is_empty()) {
         let model = *view.camera.model();
         let known = rays.iter().position(|(of, _)| *of == model);
@@ -139,29 +139,29 @@ fn in_octaves(views: &[TrainingView], config: &StartConfig) -> Vec<StartPoint> {
             .collect();
         // In order, so that sums do not depend on the number of threads.
         for ((level, cell), sums) in found {
-            let cell = (level..least).fold(cell, |cell, _| parent(cell));
-            let voxel = (level.max(least), cell);
+            let cell = (0..doublings).fold(cell, |cell, _| parent(cell));
+            let voxel = ((level + doublings).min(MAX_LEVEL), cell);
             voxels.entry(voxel).or_default().add(&sums);
         }
         let most = config.max_points.saturating_mul(MAX_VOXELS_PER_POINT);
-        while voxels.len() > most && least < MAX_LEVEL {
-            voxels = coarser(&sorted(voxels), least).into_iter().collect();
-            least += 1;
+        while voxels.len() > most && doublings < MAX_LEVEL {
+            voxels = doubled(&sorted(voxels)).into_iter().collect();
+            doublings += 1;
         }
     }
     let mut voxels = sorted(voxels);
-    for level in least..=MAX_LEVEL {
+    loop {
         let kept = smallest(&voxels);
-        if kept.len() <= config.max_points || level == MAX_LEVEL {
+        if kept.len() <= config.max_points || doublings == MAX_LEVEL {
             let size = |level: u8| config.min_spacing_m * f64::from(1_u32 << level);
             let points = kept.into_iter().take(config.max_points);
             return points
                 .map(|((level, _), sums)| sums.point(size(level)))
                 .collect();
         }
-        voxels = coarser(&voxels, level);
+        voxels = doubled(&voxels);
+        doublings += 1;
     }
-    Vec::new()
 }
 
 fn sorted(voxels: HashMap<Voxel, Sums>) -> Vec<(Voxel, Sums)> {
@@ -294,14 +294,11 @@ fn smallest(voxels: &[(Voxel, Sums)]) -> Vec<(Voxel, Sums)> {
     kept
 }
 
-/// The same with no voxel as small as those of a level.
-fn coarser(voxels: &[(Voxel, Sums)], level: u8) -> Vec<(Voxel, Sums)> {
+/// The same with voxels of twice the size.
+fn doubled(voxels: &[(Voxel, Sums)]) -> Vec<(Voxel, Sums)> {
     let mut out: HashMap<Voxel, Sums> = HashMap::with_capacity(voxels.len());
-    for ((of, cell), sums) in voxels {
-        let voxel = match *of <= level {
-            true => (level + 1, parent(*cell)),
-            false => (*of, *cell),
-        };
+    for ((level, cell), sums) in voxels {
+        let voxel = ((level + 1).min(MAX_LEVEL), parent(*cell));
         out.entry(voxel).or_default().add(sums);
     }
     sorted(out)
@@ -369,6 +366,14 @@ mod tests {
         let fewer = points_from_views(&[view(4.0), view(1.0)], &config);
         assert!(!fewer.is_empty() && fewer.len() <= config.max_points);
         assert!(fewer.len() > config.max_points / 8, "{}", fewer.len());
+        // Near and far ones alike.
+        let sizes = |points: &[StartPoint]| {
+            let size = |p: &StartPoint| (p.spacing_m * 1e4) as u32;
+            let (least, most) = (points.iter().map(size).min(), points.iter().map(size).max());
+            f64::from(most.unwrap()) / f64::from(least.unwrap())
+        };
+        assert!((sizes(&fewer) / sizes(&all) - 1.0).abs() < 0.01);
+        assert!(sizes(&all) > 2.0);
         // So few that they already double from view to view.
         config.max_points = 10;
         let few = points_from_views(&[view(4.0), view(1.0)], &config);

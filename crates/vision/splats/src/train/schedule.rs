@@ -45,11 +45,18 @@ pub(super) fn degree(config: &TrainConfig, step: usize) -> usize {
     higher.min(config.degree)
 }
 
-/// Learning rate of positions, m a step.
-pub(super) fn position_rate(config: &TrainConfig, step: usize, radius_m: f32) -> f32 {
-    let optimizer = &config.optimizer;
-    let decay = libm::powf(optimizer.position_decay, share(config, step));
-    optimizer.position * radius_m * decay
+/// Learning rate of positions, per metre of the scene's radius.
+pub(super) fn position_rate(config: &TrainConfig, step: usize) -> f32 {
+    config.optimizer.position * position_decay(config, step)
+}
+
+/// Learning rate of positions as a share of the largest scale of a Gaussian.
+pub(super) fn position_rate_by_size(config: &TrainConfig, step: usize) -> f32 {
+    config.optimizer.position_by_size * position_decay(config, step)
+}
+
+fn position_decay(config: &TrainConfig, step: usize) -> f32 {
+    libm::powf(config.optimizer.position_decay, share(config, step))
 }
 
 /// Weight of the depth's loss.
@@ -108,7 +115,10 @@ mod tests {
             [0, 1, 1]
         );
         assert!(!is_growth_round(&balanced, 100) && is_growth_round(&balanced, 400));
-        let last = position_rate(&balanced, 7000, 10.0);
-        assert!((last - 1e-5).abs() < 1e-9, "{last}");
+        let first = position_rate_by_size(&balanced, 0);
+        let last = position_rate_by_size(&balanced, 7000);
+        assert!((last / first - 0.01).abs() < 1e-6, "{last}");
+        assert_eq!(position_rate(&balanced, 0), 0.0);
+        assert_eq!(position_rate(&paws, 0), 5e-5);
     }
 }

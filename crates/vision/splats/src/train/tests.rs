@@ -249,7 +249,10 @@ fn refinement_recovers_poses_and_gains() {
         splats: truth.clone(),
         background: Background::Constant([0.2, 0.3, 0.4]),
     };
-    settings.optimizer.position = 1e-5;
+    (
+        settings.optimizer.position,
+        settings.optimizer.position_by_size,
+    ) = (1e-5, 0.0);
     let mut trainer = trainer(scene, all.clone(), settings);
     let error = |cameras: &[Camera]| {
         let between = cameras.iter().zip(&expected).map(|(found, expected)| {

@@ -185,7 +185,8 @@ impl Trainer {
 
         let trains_harmonics = step.is_multiple_of(self.config.harmonics_interval.max(1));
         let rates = Rates {
-            position: schedule::position_rate(&self.config, step, self.radius_m),
+            position_m: schedule::position_rate(&self.config, step) * self.radius_m,
+            position_by_size: schedule::position_rate_by_size(&self.config, step),
             harmonics: match trains_harmonics {
                 true => self.config.optimizer.harmonics,
                 false => 0.0,

@@ -28,8 +28,8 @@ config! {
         /// Exponent between radiance and the values of images. Source: IEC 61966-2-1, whose curve
         /// it approximates.
         pub gamma: f64 = 2.2,
-        /// Texels along an edge of the map of the sky: 6 degrees each.
-        pub sky_texels: usize = 32,
+        /// Texels along an edge of the map of the sky: 1.5 degrees each.
+        pub sky_texels: usize = 128,
         /// Seed of all random numbers.
         pub seed: u64 = 1,
         /// Points at which the scene starts.
