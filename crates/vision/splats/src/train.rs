@@ -7,8 +7,10 @@
 mod adam;
 mod codec;
 mod config;
+mod consistency;
 mod evaluate;
 mod exposures;
+mod fuse;
 mod grow;
 mod loss;
 mod measured;

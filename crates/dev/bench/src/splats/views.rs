@@ -53,9 +53,9 @@ pub(crate) enum Part {
 pub(crate) enum KnownExposure {
     /// Nothing.
     Nothing,
-    /// The time, relative to the median of the camera: as the stage has it.
+    /// The time, relative to the same reference for all cameras: as the stage has it.
     Time,
-    /// Time and gain, relative to the same reference for all cameras.
+    /// Time and gain.
     TimeAndGain,
 }
 
@@ -163,7 +163,11 @@ impl WalkViews {
         let eyes = 0..if options.right_images { 2 } else { 1 };
         let views: Result<Vec<Vec<TrainingView>>> = own
             .par_iter()
-            .map(|own| eyes.clone().map(|eye| self.view(own, eye, options)).collect())
+            .map(|own| {
+                eyes.clone()
+                    .map(|eye| self.view(own, eye, options))
+                    .collect()
+            })
             .collect();
         Ok(views?.into_iter().flatten().collect())
     }
@@ -179,7 +183,11 @@ impl WalkViews {
                 let id = own.recorded.id;
                 let camera = self.camera(id.camera, 0, id.time_ns)?;
                 self.rendered(id.camera, id.frame, camera, options, |time_s| {
-                    let rig = self.prepared.simulation.walker().rig(seconds(id.time_ns) + time_s);
+                    let rig = self
+                        .prepared
+                        .simulation
+                        .walker()
+                        .rig(seconds(id.time_ns) + time_s);
                     self.prepared.simulation.cameras()[id.camera].world_from_eye(0, &rig, None)
                 })
             })
@@ -250,12 +258,7 @@ impl WalkViews {
         Ok(camera.with_shutter(rows)?)
     }
 
-    fn view(
-        &self,
-        own: &WalkKeyframe,
-        eye: usize,
-        options: &ViewOptions,
-    ) -> Result<TrainingView> {
+    fn view(&self, own: &WalkKeyframe, eye: usize, options: &ViewOptions) -> Result<TrainingView> {
         let id = own.recorded.id;
         let of = &self.cameras[id.camera];
         let camera = self.camera(id.camera, eye, id.time_ns)?;
@@ -271,18 +274,16 @@ impl WalkViews {
             view.depth_m = depth.depth_m;
             view.depth_sigma_m = depth.sigma_m;
         }
-        view.exposure = self.exposure(id.camera, &own.recorded.exposure, options.exposure);
+        view.exposure = self.exposure(&own.recorded.exposure, options.exposure);
         Ok(view.reduced(options.reduction)?)
     }
 
     /// Exposure of an image as far as it is known.
-    fn exposure(&self, camera: usize, of: &Exposure, known: KnownExposure) -> splats::Exposure {
+    fn exposure(&self, of: &Exposure, known: KnownExposure) -> splats::Exposure {
         let ratio = match known {
             KnownExposure::Nothing => 1.0,
-            KnownExposure::Time => of.seconds / self.cameras[camera].median_s,
-            KnownExposure::TimeAndGain => {
-                of.seconds * of.gain / self.cameras[0].median_product_s
-            }
+            KnownExposure::Time => of.seconds / self.cameras[0].median_s,
+            KnownExposure::TimeAndGain => of.seconds * of.gain / self.cameras[0].median_product_s,
         };
         let log = libm::log(ratio) / GAMMA;
         splats::Exposure::from_log_gain([log as f32; 3])
@@ -306,13 +307,16 @@ impl WalkViews {
             seconds: of.median_s,
             gain: of.median_product_s / of.median_s,
         };
-        let mut renderer = self.prepared.simulation.view_renderer(&of.models[0], shutter);
+        let mut renderer = self
+            .prepared
+            .simulation
+            .view_renderer(&of.models[0], shutter);
         let image = renderer.render(&pose, 0.0, &exposure);
         let mut view = TrainingView::new(camera, image.rgb.into_flattened(), 0);
         let finite = |depth: &f32| if depth.is_finite() { *depth } else { f32::NAN };
         view.depth_m = image.depth_m.iter().map(finite).collect();
         view.depth_sigma_m = vec![0.0; view.depth_m.len()];
-        view.exposure = self.exposure(number, &exposure, options.exposure);
+        view.exposure = self.exposure(&exposure, options.exposure);
         Ok(TestView {
             view: view.reduced(options.reduction)?,
             camera: number,
@@ -354,7 +358,11 @@ fn parts(prepared: &Prepared, all: &[Recorded]) -> Vec<Part> {
         if last.is_some_and(|(frame, _)| frame == own.id.frame) {
             continue;
         }
-        let position = prepared.simulation.walker().rig(seconds(own.id.time_ns)).position;
+        let position = prepared
+            .simulation
+            .walker()
+            .rig(seconds(own.id.time_ns))
+            .position;
         path_m += last.map_or(0.0, |(_, before)| (position - before).norm());
         last = Some((own.id.frame, position));
         // In the middle of each period: there are training images before the first gap.

@@ -81,7 +81,7 @@ config! {
         /// Learning rate of rotations.
         pub rotation: f32 = 1e-3,
         /// Learning rate of the logits of opacities.
-        pub opacity: f32 = 2.5e-2,
+        pub opacity: f32 = 5e-2,
         /// Learning rate of the harmonics of degree 0.
         pub color: f32 = 5e-3,
         /// Learning rate of the other harmonics.
@@ -219,7 +219,7 @@ impl TrainConfig {
         self.loss.depth_weight = 0.0;
         let optimizer = &mut self.optimizer;
         (optimizer.position, optimizer.position_by_size) = (5e-5, 0.0);
-        (optimizer.opacity, optimizer.color) = (5e-2, 2.5e-3);
+        optimizer.color = 2.5e-3;
         let growth = &mut self.growth;
         (growth.start, growth.interval) = (500, 100);
         growth.stop = 25.0 / 30.0;

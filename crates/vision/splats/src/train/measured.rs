@@ -1,8 +1,9 @@
 //! Points at the depths of views: one per voxel of an octree.
 //!
-//! A depth belongs to the voxels of the size of some pixels at its distance. Of voxels that contain
-//! each other the smallest one is kept: the nearest view knows best. A point is the mean of the
-//! depths in its voxel, with the mean of their normals and colors.
+//! Depths of views are [combined](super::fuse) first. A depth belongs to the voxels of the size of
+//! some pixels at its distance. Of voxels that contain each other the smallest one is kept: the
+//! nearest view knows best. A point is the mean of the depths in its voxel, with the mean of their
+//! normals and colors, [moved](super::consistency) to where the images of several views agree.
 
 use std::collections::{HashMap, HashSet};
 
@@ -10,6 +11,8 @@ use camera_models::{CameraModel, Lens};
 use estimator_config::config;
 use rayon::prelude::*;
 
+use super::consistency::refine;
+use super::fuse::{FusedDepth, Rays, Source, at_pose, fuse};
 use super::start::StartPoint;
 use super::view::TrainingView;
 
@@ -38,7 +41,24 @@ config! {
         /// Largest standard deviation of a depth, as a share of it.
         pub max_relative_sigma: f64 = 0.1,
         /// Every which pixel of a row and column is used.
-        pub step_px: usize = 2,
+        pub step_px: usize = 4,
+        /// Edge of a voxel in standard deviations of the depths in it, at least: smaller ones
+        /// would be layers in front of each other.
+        pub spacing_sigmas: f64 = 1.0,
+        /// Views that are combined with each view.
+        pub fused_views: usize = 16,
+        /// Largest difference between depths that are combined, standard deviations.
+        pub fused_sigmas: f64 = 3.0,
+        /// Smallest standard deviation of a combined depth, as a share of that of a single one:
+        /// errors of views are not independent.
+        pub min_fused_sigma: f64 = 0.25,
+        /// How far along its normal a point is moved at most to where views agree, standard
+        /// deviations.
+        pub search_sigmas: f64 = 3.0,
+        /// Smallest mean correlation of the views there.
+        pub min_agreement: f64 = 0.6,
+        /// Fewest views besides the nearest one.
+        pub min_agreeing_views: usize = 2,
     }
 }
 
@@ -104,37 +124,55 @@ impl Sums {
 /// # Ok::<(), splats::SplatError>(())
 /// ```
 pub fn points_from_views(views: &[TrainingView], config: &StartConfig) -> Vec<StartPoint> {
+    let mut lenses: Vec<(CameraModel, Rays)> = Vec::new();
+    let mut lens_of_view = Vec::with_capacity(views.len());
+    for view in views {
+        let model = *view.camera.model();
+        let known = lenses.iter().position(|(of, _)| *of == model);
+        lens_of_view.push(known.unwrap_or_else(|| {
+            lenses.push((model, rays_of(view.camera.lens())));
+            lenses.len() - 1
+        }));
+    }
+    let rays: Vec<&Rays> = lens_of_view.iter().map(|lens| &lenses[*lens].1).collect();
+    let depths = fuse(views, &rays, config);
+    let inputs: Vec<Input<'_>> = (views.iter().zip(rays).zip(&depths))
+        .filter_map(|((view, rays), depth)| {
+            let depth = depth.as_ref()?;
+            Some(Input { view, rays, depth })
+        })
+        .collect();
     let mut larger = *config;
     larger.spacing_px *= std::f64::consts::SQRT_2;
     larger.min_spacing_m *= std::f64::consts::SQRT_2;
-    let [points, fewer] = [config, &larger].map(|config| in_octaves(views, config));
-    match fewer.len() > points.len() {
+    let [points, fewer] = [config, &larger].map(|config| in_octaves(&inputs, config));
+    let mut points = match fewer.len() > points.len() {
         true => fewer,
         false => points,
-    }
+    };
+    let sources: Vec<Source<'_>> = views.iter().map(Source::new).collect();
+    refine(&mut points, &sources, config);
+    points
+}
+
+/// A view with its depth.
+struct Input<'a> {
+    view: &'a TrainingView,
+    rays: &'a Rays,
+    depth: &'a FusedDepth,
 }
 
 /// The same with voxels that double until there are no more points than allowed.
-fn in_octaves(views: &[TrainingView], config: &StartConfig) -> Vec<StartPoint> {
+fn in_octaves(inputs: &[Input<'_>], config: &StartConfig) -> Vec<StartPoint> {
     let mut voxels: HashMap<Voxel, Sums> = HashMap::new();
-    let mut rays: Vec<(CameraModel, Vec<[f32; 3]>)> = Vec::new();
     // Of all voxels.
     let mut doublings = 0;
-    for view in views.iter().filter(|view| !view.depth_m.is_empty()) {
-        let model = *view.camera.model();
-        let known = rays.iter().position(|(of, _)| *of == model);
-        let known = known.unwrap_or_else(|| {
-            rays.push((model, rays_of(view.camera.lens())));
-            rays.len() - 1
-        });
-        let rays = &rays[known].1;
-        let step = config.step_px.max(1);
-        let rows: Vec<usize> = (0..model.height as usize).step_by(step).collect();
-        let found: Vec<(Voxel, Sums)> = rows
-            .par_iter()
+    for input in inputs {
+        let [columns, rows] = input.depth.size;
+        let found: Vec<(Voxel, Sums)> = (0..rows)
+            .into_par_iter()
             .flat_map_iter(|row| {
-                let columns = (0..model.width as usize).step_by(step);
-                columns.filter_map(|column| measured(view, rays, [column, *row], config))
+                (0..columns).filter_map(move |column| input.measured([column, row], config))
             })
             .collect();
         // In order, so that sums do not depend on the number of threads.
@@ -171,7 +209,7 @@ fn sorted(voxels: HashMap<Voxel, Sums>) -> Vec<(Voxel, Sums)> {
 }
 
 /// Directions of all pixels, with a length of 1 along the optical axis; NaN where there is none.
-fn rays_of(lens: &Lens) -> Vec<[f32; 3]> {
+pub(super) fn rays_of(lens: &Lens) -> Rays {
     let (width, height) = (lens.model().width, lens.model().height);
     let ray = |pixel: u32| {
         let at = [pixel % width, pixel / width].map(f64::from);
@@ -181,93 +219,72 @@ fn rays_of(lens: &Lens) -> Vec<[f32; 3]> {
     (0..width * height).into_par_iter().map(ray).collect()
 }
 
-/// The depth of a pixel with its voxel, if it may be used.
-fn measured(
-    view: &TrainingView,
-    rays: &[[f32; 3]],
-    [column, row]: [usize; 2],
-    config: &StartConfig,
-) -> Option<(Voxel, Sums)> {
-    let model = view.camera.model();
-    let (width, height) = (model.width as usize, model.height as usize);
-    let at = |column: usize, row: usize| {
-        let pixel = row * width + column;
-        let z = view.depth_m[pixel];
-        let is_usable = view.mask.get(pixel).copied().unwrap_or(true) && z > 0.0 && z.is_finite();
-        let point = rays[pixel].map(|v| f64::from(v * z));
-        (is_usable && point[0].is_finite()).then_some(point)
-    };
-    let pixel = row * width + column;
-    let point = at(column, row)?;
-    let z = point[2];
-    let sigma = f64::from(view.depth_sigma_m[pixel]);
-    if !(sigma > 0.0 && sigma <= config.max_relative_sigma * z) {
-        return None;
+impl Input<'_> {
+    /// A sample of the depth with its voxel.
+    fn measured(&self, sample: [usize; 2], config: &StartConfig) -> Option<(Voxel, Sums)> {
+        let [columns, rows] = self.depth.size;
+        let width = self.view.camera.model().width as usize;
+        let pixel = |[column, row]: [usize; 2]| {
+            let step = self.depth.step;
+            row * step * width + column * step
+        };
+        let at = |column: Option<usize>, row: Option<usize>| {
+            let (column, row) = (column?, row?);
+            if column >= columns || row >= rows {
+                return None;
+            }
+            let z = self.depth.depth_m[row * columns + column];
+            let point = self.rays[pixel([column, row])].map(|v| f64::from(v * z));
+            point[0].is_finite().then_some(point)
+        };
+        let [column, row] = sample;
+        let point = at(Some(column), Some(row))?;
+        let z = point[2];
+        let sigma = f64::from(self.depth.sigma_m[row * columns + column]);
+        // Difference of the neighbors on both sides along one axis, where they are on one surface.
+        let along = |before: Option<[f64; 3]>, after: Option<[f64; 3]>| {
+            let (a, b) = (before?, after?);
+            let bend = 0.5 * z * (1.0 / a[2] + 1.0 / b[2]) - 1.0;
+            (bend.abs() < MAX_BEND).then(|| [b[0] - a[0], b[1] - a[1], b[2] - a[2]])
+        };
+        let x = along(
+            at(column.checked_sub(NEIGHBOR_STEPS), Some(row)),
+            at(Some(column + NEIGHBOR_STEPS), Some(row)),
+        );
+        let y = along(
+            at(Some(column), row.checked_sub(NEIGHBOR_STEPS)),
+            at(Some(column), Some(row + NEIGHBOR_STEPS)),
+        );
+        let normal = x.zip(y).and_then(|(x, y)| {
+            let n = [
+                y[1] * x[2] - y[2] * x[1],
+                y[2] * x[0] - y[0] * x[2],
+                y[0] * x[1] - y[1] * x[0],
+            ];
+            let length = n.iter().map(|v| v * v).sum::<f64>().sqrt();
+            (length > 0.0).then(|| n.map(|v| v / length))
+        });
+        let world_from_camera = self.view.camera.camera_from_world().inverse();
+        let recorded = sample.map(|v| v * self.depth.step);
+        let position_m = world_from_camera.apply(at_pose(self.view, recorded, point));
+        let spacing = config.spacing_px * z / self.view.camera.model().fx;
+        let spacing = spacing.max(config.spacing_sigmas * sigma);
+        let doublings = libm::log2((spacing / config.min_spacing_m).max(1.0));
+        let level = (doublings.round() as u8).min(MAX_LEVEL);
+        let size = config.min_spacing_m * f64::from(1_u32 << level);
+        let voxel = (level, position_m.map(|v| (v / size).floor() as i32));
+        let first = 3 * pixel(sample);
+        let color = [0, 1, 2].map(|c| f64::from(self.view.rgb[first + c]) / 255.0);
+        let sums = Sums {
+            count: 1.0,
+            position_m,
+            normals: normal.map_or(0.0, |_| 1.0),
+            normal: normal.map_or([0.0; 3], |normal| world_from_camera.rotate(normal)),
+            color,
+            information: 1.0 / (sigma * sigma),
+        };
+        Some((voxel, sums))
     }
-    let step = NEIGHBOR_STEPS * config.step_px.max(1);
-    // Difference of the neighbors on both sides along one axis, where they are on one surface.
-    let along = |before: Option<[f64; 3]>, after: Option<[f64; 3]>| {
-        let (a, b) = (before?, after?);
-        let bend = 0.5 * z * (1.0 / a[2] + 1.0 / b[2]) - 1.0;
-        (bend.abs() < MAX_BEND).then(|| [b[0] - a[0], b[1] - a[1], b[2] - a[2]])
-    };
-    let inside = |column: Option<usize>, row: Option<usize>| {
-        let (column, row) = (column?, row?);
-        (column < width && row < height).then(|| at(column, row))?
-    };
-    let x = along(
-        inside(column.checked_sub(step), Some(row)),
-        inside(Some(column + step), Some(row)),
-    );
-    let y = along(
-        inside(Some(column), row.checked_sub(step)),
-        inside(Some(column), Some(row + step)),
-    );
-    let normal = x.zip(y).and_then(|(x, y)| {
-        let n = [
-            y[1] * x[2] - y[2] * x[1],
-            y[2] * x[0] - y[0] * x[2],
-            y[0] * x[1] - y[1] * x[0],
-        ];
-        let length = n.iter().map(|v| v * v).sum::<f64>().sqrt();
-        (length > 0.0).then(|| n.map(|v| v / length))
-    });
-    let world_from_camera = view.camera.camera_from_world().inverse();
-    let position_m = world_from_camera.apply(at_pose(view, [column, row], point));
-    let spacing = config.spacing_px * z / model.fx;
-    let doublings = libm::log2((spacing / config.min_spacing_m).max(1.0));
-    let level = (doublings.round() as u8).min(MAX_LEVEL);
-    let size = config.min_spacing_m * f64::from(1_u32 << level);
-    let voxel = (level, position_m.map(|v| (v / size).floor() as i32));
-    let color = [0, 1, 2].map(|c| f64::from(view.rgb[3 * pixel + c]) / 255.0);
-    let sums = Sums {
-        count: 1.0,
-        position_m,
-        normals: normal.map_or(0.0, |_| 1.0),
-        normal: normal.map_or([0.0; 3], |normal| world_from_camera.rotate(normal)),
-        color,
-        information: 1.0 / (sigma * sigma),
-    };
-    Some((voxel, sums))
-}
-
-/// A point of a pixel at the pose of the camera, which a rolling shutter has at another time.
-fn at_pose(view: &TrainingView, pixel: [usize; 2], x: [f64; 3]) -> [f64; 3] {
-    let Some(shutter) = view.camera.shutter() else {
-        return x;
-    };
-    let mut time_s = 0.0;
-    for k in 0..2 {
-        let from_reference = pixel[k] as f64 - shutter.reference_px[k];
-        time_s += shutter.time_gradient_s_per_px[k] * from_reference;
-    }
-    let (v, w) = (shutter.velocity_m_s, shutter.rate_rad_s);
-    let turn = [
-        w[1] * x[2] - w[2] * x[1],
-        w[2] * x[0] - w[0] * x[2],
-        w[0] * x[1] - w[1] * x[0],
-    ];
-    [0, 1, 2].map(|k| x[k] + time_s * (v[k] + turn[k]))
 }
 
 fn parent([x, y, z]: [i32; 3]) -> [i32; 3] {
@@ -341,7 +358,9 @@ mod tests {
             let in_near = x.abs() < 0.4 && y.abs() < 0.3;
             assert!(!in_near || point.spacing_m == smallest(&both), "{point:?}");
         }
-        assert!(both.iter().all(|p| (p.sigma_m - 0.02).abs() < 1e-6));
+        // Of one view, or of both.
+        let sigmas = 0.02 / std::f32::consts::SQRT_2 - 1e-6..0.02 + 1e-6;
+        assert!(both.iter().all(|p| sigmas.contains(&p.sigma_m)));
     }
 
     #[test]
@@ -386,8 +405,12 @@ mod tests {
         // 1 m/s to the right, 10 ms a row.
         let shutter = Shutter::rows(0.01, SIZE.1, [1.0, 0.0, 0.0], [0.0; 3]);
         moving.camera = moving.camera.with_shutter(shutter).unwrap();
-        let still = points_from_views(&[view(2.0)], &StartConfig::default());
-        let points = points_from_views(&[moving], &StartConfig::default());
+        let config = StartConfig {
+            step_px: 2,
+            ..StartConfig::default()
+        };
+        let still = points_from_views(&[view(2.0)], &config);
+        let points = points_from_views(&[moving], &config);
         let edge = |points: &[StartPoint], is_low: bool| {
             let of_rows = points.iter().filter(|p| (p.position_m[1] > 0.7) == is_low);
             of_rows.fold(f32::NEG_INFINITY, |m, p| m.max(p.position_m[0]))

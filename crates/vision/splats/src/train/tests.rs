@@ -253,6 +253,7 @@ fn refinement_recovers_poses_and_gains() {
         settings.optimizer.position,
         settings.optimizer.position_by_size,
     ) = (1e-5, 0.0);
+    settings.optimizer.opacity = 1e-2;
     let mut trainer = trainer(scene, all.clone(), settings);
     let error = |cameras: &[Camera]| {
         let between = cameras.iter().zip(&expected).map(|(found, expected)| {

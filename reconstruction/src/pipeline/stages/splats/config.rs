@@ -55,7 +55,7 @@ impl SplatsConfig {
         if let Preset::Fast = preset {
             // Never full: reduced once and not in each step.
             config.reduction = 2;
-            config.start.step_px = 1;
+            config.start.step_px = 2;
             config.train.full_from = config.train.quarter_until;
             config.train.quarter_until = 0.0;
         }

@@ -26,7 +26,7 @@ pub(super) struct ChosenKeyframe {
     /// Number of its instant, from 0.
     pub(super) instant: u32,
     pub(super) is_held_out: bool,
-    /// Factor on the values of its images against the camera's median exposure.
+    /// Factor on the values of its images against the median exposure of all cameras.
     pub(super) gain: f32,
 }
 
@@ -40,6 +40,7 @@ pub(super) fn choose<'a>(
     let sets: BTreeSet<u64> = keyframes.iter().map(|keyframe| keyframe.set).collect();
     let sets: Vec<u64> = sets.into_iter().collect();
     let mut cameras = Vec::new();
+    let mut known_exposures: Vec<Vec<u32>> = Vec::new();
     for (number, camera) in rig.cameras.iter().enumerate() {
         let of_camera = keyframes.iter().filter(|k| usize::from(k.camera) == number);
         let entries = index.camera(&camera.name);
@@ -63,19 +64,29 @@ pub(super) fn choose<'a>(
         }
         let known: Option<Vec<u32>> = exposures.into_iter().collect();
         let known = known.filter(|known| !known.is_empty() && known.iter().all(|ns| *ns > 0));
-        if let Some(known) = &known {
-            let mut sorted = known.clone();
-            sorted.sort_unstable();
-            let median = f64::from(sorted[sorted.len() / 2]);
-            for (chosen, ns) in chosen.iter_mut().zip(known) {
-                chosen.gain = libm::pow(f64::from(*ns) / median, 1.0 / config.gamma) as f32;
-            }
-        }
+        known_exposures.push(known.clone().unwrap_or_default());
         cameras.push(CameraKeyframes {
             camera,
             keyframes: chosen,
             is_exposure_known: known.is_some(),
         });
     }
+    set_gains(&mut cameras, &known_exposures, config.gamma);
     Ok(cameras)
+}
+
+/// Gains from exposure times, ns, by camera and keyframe; empty for a camera that records none. The
+/// reference is the same for all cameras: they see the same surfaces.
+fn set_gains(cameras: &mut [CameraKeyframes<'_>], exposures: &[Vec<u32>], gamma: f64) {
+    let mut sorted: Vec<u32> = exposures.concat();
+    sorted.sort_unstable();
+    let Some(median) = sorted.get(sorted.len() / 2) else {
+        return;
+    };
+    for (camera, exposures) in cameras.iter_mut().zip(exposures) {
+        for (chosen, ns) in camera.keyframes.iter_mut().zip(exposures) {
+            let ratio = f64::from(*ns) / f64::from(*median);
+            chosen.gain = libm::pow(ratio, 1.0 / gamma) as f32;
+        }
+    }
 }
