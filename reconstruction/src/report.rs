@@ -4,22 +4,18 @@
 //! from the ground truth after the best rigid fit, or without ground truth by the stated sigma,
 //! with a caption; the status of the rig over time; cloud and path in three dimensions and from two
 //! sides; footsteps on the height map and feet over time; the mesh of the ground; a flight through
-//! the scene of Gaussians, and held-out images beside those that it renders; each stage with time and memory; and all notes and
-//! losses of stages. Missing outputs are named and left out. It is one file of less than 25 MB. Its
-//! text is a function of the bundle, of the ground truth, of the stage timings and of the images
-//! beside the bundle.
-
-use std::io;
-use std::path::PathBuf;
+//! the scene of Gaussians, and held-out images beside those that it renders; each stage with time
+//! and memory; and all notes and losses of stages. Missing outputs are named and left out. It is
+//! one file of less than 25 MB. Its text is a function of the bundle, of the ground truth, of the
+//! stage timings and of the images beside the bundle.
 
 use charts::{Axis, Cell, Chart, Image, Page, Series, Span, Table, Timeline, si};
 use scene_bundle::outputs::cloud::CloudPoint;
 use scene_bundle::outputs::{self, CLOUD, TRAJECTORY, TRAJECTORY_CAUSAL};
 use scene_bundle::{BundleError, Scene, Status, Trajectory};
-use splats::SplatError;
 
 use crate::camera_images;
-use crate::evaluate::ground_truth::{GroundTruth, GroundTruthError};
+use crate::evaluate::ground_truth::GroundTruth;
 use crate::evaluate::{self, Alignment, Evaluation, Settings, align, associate};
 use crate::pipeline::{self, stage_timings, stages};
 use colors::{UNKNOWN, ramp};
@@ -29,6 +25,7 @@ use png_file::png;
 use trajectory_map::Step;
 
 mod colors;
+mod error;
 mod facts;
 mod fly_path;
 mod footstep_map;
@@ -45,38 +42,7 @@ mod viewer;
 mod viewer_page;
 mod views;
 
-/// Why no page was written.
-#[derive(Debug, thiserror::Error)]
-pub enum ReportError {
-    /// The bundle cannot be read.
-    #[error(transparent)]
-    Bundle(#[from] BundleError),
-    /// The stage timings cannot be read.
-    #[error("reading the stage timings: {}", path.display())]
-    StageTimings {
-        /// The file.
-        path: PathBuf,
-        /// Error of the operating system.
-        source: io::Error,
-    },
-    /// The images beside the bundle cannot be read.
-    #[error("reading the images of the cameras: {}", path.display())]
-    CameraImage {
-        /// The file.
-        path: PathBuf,
-        /// Error of the operating system.
-        source: io::Error,
-    },
-    /// The ground truth of feet cannot be read.
-    #[error(transparent)]
-    GroundTruth(#[from] GroundTruthError),
-    /// An image cannot be encoded: a defect of the program.
-    #[error("encoding an image of the cloud")]
-    Image(#[from] png::EncodingError),
-    /// The scene of Gaussians cannot be rendered.
-    #[error("rendering the scene of Gaussians")]
-    Gaussians(#[from] SplatError),
-}
+pub use error::ReportError;
 
 /// A page with its summary line.
 #[derive(Clone, Debug, PartialEq)]
@@ -163,10 +129,8 @@ pub fn report(
     let fits = evaluation
         .as_ref()
         .is_some_and(|e| e.true_from_estimated.is_some());
-    let true_way: Vec<[f64; 3]> = truth
-        .filter(|_| fits)
-        .iter()
-        .flat_map(|truth| truth.poses())
+    let true_poses = truth.filter(|_| fits).into_iter().flat_map(|t| t.poses());
+    let true_way: Vec<[f64; 3]> = true_poses
         .map(|pose| pose.world_from_rig.translation_m())
         .collect();
     let drawn = trajectory_map::Map {

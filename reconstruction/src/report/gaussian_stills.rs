@@ -8,7 +8,7 @@ use cad_transforms::RigidTransform;
 use camera_models::{CameraModel, Distortion};
 use splats::{Camera, Exposure, RenderConfig, Renderer, Scene, SplatError};
 
-use super::ReportError;
+use super::error::ReportError;
 use super::fly_path::FlyPath;
 use super::png_file::png;
 

@@ -85,7 +85,7 @@
     void main() { gl_Position = vec4(vec2(gl_VertexID & 1, gl_VertexID >> 1) * 2.0 - 1.0, 0.0, 1.0); }`;
   // An octahedral map: as the struct Sky of the crate.
   const SKY = `
-    uniform sampler2D sky;
+    uniform highp sampler2D sky;
     uniform mat3 world_from_camera;
     uniform vec2 screen;
     uniform float focal;
@@ -245,8 +245,10 @@
     return b.map((v, k) => v + 0.5 * t * (c[k] - a[k] + t * (2 * a[k] - 5 * v + 4 * c[k] - d[k] + t * (3 * (v - c[k]) + d[k] - a[k]))));
   }
   function goTo(where) {
+    const text = (where * path.step_s).toFixed(1) + " s";
     slider.value = where;
-    document.getElementById("gaussians-time").textContent = (where * path.step_s).toFixed(1) + " s";
+    slider.setAttribute("aria-valuetext", text);
+    document.getElementById("gaussians-time").textContent = text;
     setPose(poseAt(where));
   }
   function fly(flies) {

@@ -1,7 +1,7 @@
 //! The view of the scene of Gaussians: WebGL2, with everything it needs in the page.
 //!
-//! Contract: as of the view of the cloud; at most [`MAX_COUNT`] Gaussians, which take at most 8.6 MB
-//! of text. `gaussian_viewer.js` draws them as the crate `splats` does with a pinhole
+//! Contract: as of the view of the cloud; at most [`MAX_COUNT`] Gaussians, which take at most
+//! 8.6 MB of text. `gaussian_viewer.js` draws them as the crate `splats` does with a pinhole
 //! camera: without lens distortion, rolling shutter and exposure, with harmonics up to degree 1,
 //! rounded as [`gaussian_packing`] states, and blended in 8 bits.
 

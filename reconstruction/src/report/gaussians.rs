@@ -7,7 +7,7 @@ use scene_bundle::outputs::SPLATS;
 use scene_bundle::outputs::splats::{self, SplatBackground, SplatScene, SplatView};
 use scene_bundle::{OutputReader, Scene};
 
-use super::ReportError;
+use super::error::ReportError;
 use super::fly_path::{self, FlyPath};
 use super::gaussian_viewer::{self, GaussianViewer};
 use super::{gaussian_stills, gaussian_stills::Still};

@@ -1,10 +1,10 @@
 //! The view of cloud and path in three dimensions: WebGL2, with everything it needs in the page.
 //!
 //! Contract: the page opens it from a file, without a network; if WebGL2 is missing, a message is
-//! shown instead. Embedded data take at most [`Content::max_bytes`]: the path first, then every n-th point
-//! of the cloud in order, so that the same cloud gives the same bytes; the number of shown points
-//! is stated. Positions are 16-bit steps within the bounding box, a step being a 65535th of its
-//! edge: 1.5 mm in a scene of 100 m.
+//! shown instead. Embedded data take at most [`Content::max_bytes`]: the path first, then every
+//! n-th point of the cloud in order, so that the same cloud gives the same bytes; the number of
+//! shown points is stated. Positions are 16-bit steps within the bounding box, a step being a
+//! 65535th of its edge: 1.5 mm in a scene of 100 m.
 //!
 //! A layer is a name, a kind and a blob of numbers, little-endian, in base64; `viewer.js` has a
 //! function for each kind that documents its layout.

@@ -164,9 +164,15 @@ fn container(content: &Value, binary: &[u8]) -> Result<Vec<u8>, FileError> {
     let chunks: Vec<_> = (chunks.into_iter())
         .filter(|(_, chunk)| !chunk.is_empty())
         .collect();
-    let length = 12 + chunks.iter().map(|(_, chunk)| 8 + chunk.len()).sum::<usize>();
+    let length = 12
+        + chunks
+            .iter()
+            .map(|(_, chunk)| 8 + chunk.len())
+            .sum::<usize>();
     let Ok(length) = u32::try_from(length) else {
-        return Err(header(format!("a file of {length} bytes, expected below 4 GiB")));
+        return Err(header(format!(
+            "a file of {length} bytes, expected below 4 GiB"
+        )));
     };
     let mut bytes = Vec::with_capacity(length as usize);
     bytes.extend(b"glTF");
@@ -189,7 +195,10 @@ mod tests {
     /// JSON and binary chunk.
     fn parse(bytes: &[u8]) -> (Value, &[u8]) {
         let word = |at: usize| u32::from_le_bytes(bytes[at..at + 4].try_into().unwrap()) as usize;
-        assert_eq!((&bytes[..4], word(4), word(8)), (&b"glTF"[..], 2, bytes.len()));
+        assert_eq!(
+            (&bytes[..4], word(4), word(8)),
+            (&b"glTF"[..], 2, bytes.len())
+        );
         let end = 20 + word(12);
         assert_eq!(&bytes[16..20], b"JSON");
         let content = serde_json::from_slice(&bytes[20..end]).unwrap();
@@ -215,7 +224,10 @@ mod tests {
             _ => 4,
         };
         assert_eq!(accessor["componentType"], FLOAT);
-        assert_eq!(bytes.len() as u64, 4 * shape * accessor["count"].as_u64().unwrap());
+        assert_eq!(
+            bytes.len() as u64,
+            4 * shape * accessor["count"].as_u64().unwrap()
+        );
         let (floats, _) = bytes.as_chunks::<4>();
         floats.iter().map(|v| f32::from_le_bytes(*v)).collect()
     }
@@ -249,7 +261,10 @@ mod tests {
                     assert_eq!(of(&name)[3 * i..3 * i + 3], *rgb);
                 }
             }
-            let low = positions.chunks(3).map(|x| x[1]).fold(f32::INFINITY, f32::min);
+            let low = positions
+                .chunks(3)
+                .map(|x| x[1])
+                .fold(f32::INFINITY, f32::min);
             assert_eq!(content["accessors"][0]["min"][1], json!(low));
         }
     }
@@ -263,7 +278,10 @@ mod tests {
         let [r, g, b, a] = numbers(&content, binary, "COLOR_0")[..] else {
             panic!("{content}")
         };
-        assert!((r - 0.21404).abs() < 1e-4 && (a - 0.5).abs() < 1e-6, "{r} {a}");
+        assert!(
+            (r - 0.21404).abs() < 1e-4 && (a - 0.5).abs() < 1e-6,
+            "{r} {a}"
+        );
         assert_eq!((g, b), (1.0, 0.0));
     }
 
