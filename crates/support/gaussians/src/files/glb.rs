@@ -270,6 +270,46 @@ mod tests {
     }
 
     #[test]
+    fn attributes_are_those_that_another_program_writes() {
+        let theirs = include_bytes!(concat!(
+            env!("CARGO_MANIFEST_DIR"),
+            "/tests/data/splat-transform.glb"
+        ));
+        let ours = write(&random_splats(6, 20, 2), "test").unwrap();
+        let ((theirs, their_binary), (ours, our_binary)) = (parse(theirs), parse(&ours));
+        let names = |content: &Value| {
+            let primitive = &content["meshes"][0]["primitives"][0];
+            let attributes = primitive["attributes"].as_object().unwrap();
+            attributes.keys().cloned().collect::<Vec<_>>()
+        };
+        assert_eq!(names(&ours), names(&theirs));
+        for name in names(&ours) {
+            // Theirs are sRGB values in 8 bits.
+            if name == "COLOR_0" {
+                continue;
+            }
+            let expected = numbers(&theirs, their_binary, &name);
+            let found = numbers(&ours, our_binary, &name);
+            assert_eq!(found.len(), expected.len(), "{name}");
+            let mut both: Vec<(f32, f32)> = found.into_iter().zip(expected).collect();
+            if name.ends_with(":ROTATION") {
+                // Theirs are of any length and sign.
+                for four in both.chunks_mut(4) {
+                    let length = four.iter().map(|(_, q)| q * q).sum::<f32>().sqrt();
+                    let cosine: f32 = four.iter().map(|(a, b)| a * b).sum();
+                    (four.iter_mut()).for_each(|(_, q)| *q /= length.copysign(cosine));
+                }
+            }
+            for (found, expected) in both {
+                assert!(
+                    (found - expected).abs() < 2e-6,
+                    "{name}: {found} {expected}"
+                );
+            }
+        }
+    }
+
+    #[test]
     fn colors_for_other_programs_are_linear() {
         let mut splats = Splats::empty(0).unwrap();
         splats.push(&Splat::sphere(0.1, [0.5, 2.0, -1.0])).unwrap();
