@@ -7,7 +7,7 @@ use std::fs;
 
 use libfuzzer_sys::fuzz_target;
 use scene_bundle::outputs::splats;
-use scene_bundle::{Scene, outputs};
+use scene_bundle::{Scene, layout, outputs};
 use serde_json::json;
 
 const FILES: [&str; 3] = ["splats.json", "000.ply", "sky.npy"];
@@ -30,13 +30,22 @@ fuzz_target!(|data: &[u8]| {
         }
         _ => [RECORD.as_bytes().to_vec(), Vec::new(), data.to_vec()],
     };
-    let folder = tempfile::tempdir().expect("a folder");
-    let output = folder.path().join("splats.0123456789abcdef");
-    fs::create_dir(&output).expect("a folder");
+    let mut named: Vec<(&str, &Vec<u8>)> = FILES.into_iter().zip(&files).collect();
+    named.sort();
+    let mut lines = String::new();
     let mut entries = Vec::new();
-    for (name, bytes) in FILES.iter().zip(&files) {
-        fs::write(output.join(name), bytes).expect("a file");
+    for (name, bytes) in &named {
+        lines += &format!("{} {} {name}\n", hash(bytes), bytes.len());
         entries.push(json!({"path": name, "bytes": bytes.len(), "blake3": hash(bytes)}));
+    }
+    let hash_of_output = hash(lines.as_bytes());
+    let folder = tempfile::tempdir().expect("a folder");
+    let output = folder
+        .path()
+        .join(layout::folder(outputs::SPLATS, &hash_of_output));
+    fs::create_dir(&output).expect("a folder");
+    for (name, bytes) in named {
+        fs::write(output.join(name), bytes).expect("a file");
     }
     let manifest = json!({
         "format": "paws-scene",
@@ -53,7 +62,7 @@ fuzz_target!(|data: &[u8]| {
         },
         "outputs": {"splats": {
             "stage": "splats", "stage_version": 1, "settings": {}, "inputs": {}, "files": entries,
-            "hash": "0123456789abcdef".repeat(4),
+            "hash": hash_of_output,
         }},
     });
     fs::write(folder.path().join("scene.json"), manifest.to_string()).expect("a file");
