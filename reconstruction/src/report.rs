@@ -3,14 +3,11 @@
 //! Contract: the page shows images of the cameras; the path from above, colored by its distance
 //! from the ground truth after the best rigid fit, or without ground truth by the stated sigma,
 //! with a caption; the status of the rig over time; cloud and path in three dimensions and from two
-//! sides; footsteps on the height map and feet over time; the mesh of the ground; held-out images
-//! beside those that the Gaussians render; each stage with time and memory; and all notes and
-//! losses of stages. Missing outputs are named and left out. It is one file of less than 25 MB. Its
-//! text is a function of the bundle, of the ground truth, of the stage timings and of the images
-//! beside the bundle.
-
-use std::io;
-use std::path::PathBuf;
+//! sides; footsteps on the height map and feet over time; the mesh of the ground; a flight through
+//! the scene of Gaussians, and held-out images beside those that it renders; each stage with time
+//! and memory; and all notes and losses of stages. Missing outputs are named and left out. It is
+//! one file of less than 25 MB. Its text is a function of the bundle, of the ground truth, of the
+//! stage timings and of the images beside the bundle.
 
 use charts::{Axis, Cell, Chart, Image, Page, Series, Span, Table, Timeline, si};
 use scene_bundle::outputs::cloud::CloudPoint;
@@ -18,17 +15,23 @@ use scene_bundle::outputs::{self, CLOUD, TRAJECTORY, TRAJECTORY_CAUSAL};
 use scene_bundle::{BundleError, Scene, Status, Trajectory};
 
 use crate::camera_images;
-use crate::evaluate::ground_truth::{GroundTruth, GroundTruthError};
+use crate::evaluate::ground_truth::GroundTruth;
 use crate::evaluate::{self, Alignment, Evaluation, Settings, align, associate};
 use crate::pipeline::{self, stage_timings, stages};
 use colors::{UNKNOWN, ramp};
+use gaussians::Gaussians;
 use ground::Ground;
 use png_file::png;
 use trajectory_map::Step;
 
 mod colors;
+mod error;
 mod facts;
+mod fly_path;
 mod footstep_map;
+mod gaussian_packing;
+mod gaussian_stills;
+mod gaussian_viewer;
 mod gaussians;
 mod ground;
 mod judgement;
@@ -36,37 +39,10 @@ mod png_file;
 mod point_raster;
 mod trajectory_map;
 mod viewer;
+mod viewer_page;
 mod views;
 
-/// Why no page was written.
-#[derive(Debug, thiserror::Error)]
-pub enum ReportError {
-    /// The bundle cannot be read.
-    #[error(transparent)]
-    Bundle(#[from] BundleError),
-    /// The stage timings cannot be read.
-    #[error("reading the stage timings: {}", path.display())]
-    StageTimings {
-        /// The file.
-        path: PathBuf,
-        /// Error of the operating system.
-        source: io::Error,
-    },
-    /// The images beside the bundle cannot be read.
-    #[error("reading the images of the cameras: {}", path.display())]
-    CameraImage {
-        /// The file.
-        path: PathBuf,
-        /// Error of the operating system.
-        source: io::Error,
-    },
-    /// The ground truth of feet cannot be read.
-    #[error(transparent)]
-    GroundTruth(#[from] GroundTruthError),
-    /// An image cannot be encoded: a defect of the program.
-    #[error("encoding an image of the cloud")]
-    Image(#[from] png::EncodingError),
-}
+pub use error::ReportError;
 
 /// A page with its summary line.
 #[derive(Clone, Debug, PartialEq)]
@@ -113,6 +89,7 @@ pub fn report(
     }
     let true_from_estimated = evaluation.as_ref().and_then(|e| e.true_from_estimated);
     let ground = Ground::read(scene, feet, true_from_estimated)?;
+    let gaussians = Gaussians::read(scene)?;
     let causal_off = causal
         .as_ref()
         .zip(truth)
@@ -152,10 +129,8 @@ pub fn report(
     let fits = evaluation
         .as_ref()
         .is_some_and(|e| e.true_from_estimated.is_some());
-    let true_way: Vec<[f64; 3]> = truth
-        .filter(|_| fits)
-        .iter()
-        .flat_map(|truth| truth.poses())
+    let true_poses = truth.filter(|_| fits).into_iter().flat_map(|t| t.poses());
+    let true_way: Vec<[f64; 3]> = true_poses
         .map(|pose| pose.world_from_rig.translation_m())
         .collect();
     let drawn = trajectory_map::Map {
@@ -169,13 +144,13 @@ pub fn report(
     };
     page = map_section(page, &drawn);
     page = page.timeline(&spans(adjusted, causal.as_ref()), "");
-    page = cloud_section(page, cloud.as_deref(), &drawn)?;
+    page = cloud_section(page, cloud.as_deref(), &drawn, gaussians.bytes())?;
     let rig_path: Vec<[f64; 3]> = (trajectory.poses().iter())
         .filter(|pose| pose.status != Status::Lost)
         .map(|pose| pose.world_from_rig.translation_m())
         .collect();
     page = ground.add(page, &rig_path)?;
-    page = gaussians::add(page, scene)?;
+    page = gaussians.add(page);
     page = stages_section(page, scene)?;
     Ok(Report {
         summary: summary(evaluation.as_ref(), cloud.as_deref(), &ground),
@@ -381,6 +356,7 @@ fn cloud_section(
     page: Page,
     cloud: Option<&[CloudPoint]>,
     drawn: &trajectory_map::Map<'_>,
+    taken_bytes: usize,
 ) -> Result<Page, ReportError> {
     let page = page.section("Cloud and path");
     let Some(cloud) = cloud.filter(|cloud| !cloud.is_empty()) else {
@@ -399,7 +375,7 @@ fn cloud_section(
         })
         .collect();
     let shown = views::shown(cloud, &rig_path);
-    let mut page = viewer_part(page, cloud, &shown, &rig_path, drawn);
+    let mut page = viewer_part(page, cloud, &shown, &rig_path, drawn, taken_bytes);
     let views = [
         (
             views::oblique(&shown, &rig_path),
@@ -428,13 +404,15 @@ fn cloud_section(
     Ok(page)
 }
 
-/// The view in three dimensions, and the part of the cloud that it shows.
+/// The view in three dimensions, and the part of the cloud that it shows. `taken_bytes` of text are
+/// taken by the scene of Gaussians.
 fn viewer_part(
     page: Page,
     cloud: &[CloudPoint],
     shown: &[CloudPoint],
     rig_path: &[[f64; 3]],
     drawn: &trajectory_map::Map<'_>,
+    taken_bytes: usize,
 ) -> Page {
     let top = rig_path
         .iter()
@@ -451,6 +429,7 @@ fn viewer_part(
             true => top + views::MAX_HEIGHT_M,
             false => f64::MAX,
         },
+        max_bytes: viewer::MAX_BYTES.saturating_sub(taken_bytes),
     });
     let all = cloud.len();
     let share = 100.0 * viewer.points as f64 / all as f64;

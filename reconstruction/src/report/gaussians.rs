@@ -1,40 +1,169 @@
-//! The scene of Gaussians: held-out images as recorded beside those that it renders, and quality
-//! over the number of Gaussians.
+//! The scene of Gaussians: a flight through it, held-out images as recorded beside those that it
+//! renders, and quality over the number of Gaussians.
 
+use ::splats::{Background, Sky, SplatError, Splats};
 use charts::{Cell, Image, Page, Table};
 use scene_bundle::outputs::SPLATS;
-use scene_bundle::outputs::splats::{self, SplatScene, SplatView};
-use scene_bundle::{BundleError, Scene};
+use scene_bundle::outputs::splats::{self, SplatBackground, SplatScene, SplatView};
+use scene_bundle::{OutputReader, Scene};
 
-/// Adds the section.
-pub(super) fn add(page: Page, scene: &Scene) -> Result<Page, BundleError> {
-    let mut page = page.section("Gaussians");
-    if !scene.has(SPLATS) {
-        return Ok(page.text("There is no scene of Gaussians in this bundle."));
+use super::error::ReportError;
+use super::fly_path::{self, FlyPath};
+use super::gaussian_viewer::{self, GaussianViewer};
+use super::{gaussian_stills, gaussian_stills::Still};
+
+/// The section before it is put into the page.
+pub(super) enum Gaussians {
+    /// The bundle has no such output.
+    Missing,
+    /// Nothing could be trained.
+    Empty,
+    /// A scene.
+    Trained(Box<Trained>),
+}
+
+/// A scene with what the page shows of it.
+pub(super) struct Trained {
+    record: SplatScene,
+    comparisons: Vec<(usize, Vec<u8>)>,
+    paths: Vec<FlyPath>,
+    viewer: Option<GaussianViewer>,
+    stills: Vec<Still>,
+}
+
+impl Gaussians {
+    /// Reads the scene and renders its views.
+    pub(super) fn read(scene: &Scene) -> Result<Self, ReportError> {
+        if !scene.has(SPLATS) {
+            return Ok(Self::Missing);
+        }
+        let reader = scene.output(SPLATS)?;
+        let record = splats::read(&reader)?;
+        if record.count() == 0 {
+            return Ok(Self::Empty);
+        }
+        let mut comparisons = Vec::new();
+        for number in 0..record.views.len() {
+            if let Some(png) = splats::read_comparison(&reader, number)? {
+                comparisons.push((number, png));
+            }
+        }
+        let paths = fly_path::of_views(&record.views);
+        let (mut viewer, mut stills) = (None, Vec::new());
+        if let Some(first) = paths.first() {
+            let content = content(&reader, &record)?;
+            viewer = Some(gaussian_viewer::viewer(
+                &content,
+                record.compensated,
+                &paths,
+            ));
+            stills = gaussian_stills::along(&content, record.compensated, first)?;
+        }
+        Ok(Self::Trained(Box::new(Trained {
+            record,
+            comparisons,
+            paths,
+            viewer,
+            stills,
+        })))
     }
-    let reader = scene.output(SPLATS)?;
-    let record = splats::read(&reader)?;
-    if record.sectors.is_empty() {
-        return Ok(page.text("No scene of Gaussians could be trained: see the losses below."));
-    }
-    page = page.text(&in_short(&record));
-    let mut images = Vec::new();
-    for (number, view) in record.views.iter().enumerate() {
-        if let Some(png) = splats::read_comparison(&reader, number)? {
-            let (name, caption) = names(view);
-            images.push(Image::png(&png, &name, &caption));
+
+    /// Text of the Gaussians in the page, bytes.
+    pub(super) fn bytes(&self) -> usize {
+        match self {
+            Self::Trained(trained) => trained.viewer.as_ref().map_or(0, |viewer| viewer.bytes),
+            Self::Missing | Self::Empty => 0,
         }
     }
-    page = page
-        .text(
-            "Held-out left images with the median PSNR of their camera: as recorded, and to the \
-             right of it as rendered. The wearer and what moves are masked and not in the scene.",
-        )
-        .images(&images);
-    if !record.training.checks.is_empty() {
-        page = page.table(&checks(&record));
+
+    /// Adds the section.
+    pub(super) fn add(&self, page: Page) -> Page {
+        let page = page.section("Gaussians");
+        match self {
+            Self::Missing => page.text("There is no scene of Gaussians in this bundle."),
+            Self::Empty => {
+                page.text("No scene of Gaussians could be trained: see the losses below.")
+            }
+            Self::Trained(trained) => trained.add(page),
+        }
     }
-    Ok(page)
+}
+
+impl Trained {
+    fn add(&self, mut page: Page) -> Page {
+        page = page.text(&in_short(&self.record));
+        if let Some(viewer) = &self.viewer {
+            page = page
+                .text(&about_view(viewer, &self.record))
+                .embed(&viewer.html);
+        }
+        if let Some(path) = self.paths.first() {
+            let name = &path.name;
+            let images = self.stills.iter().map(|still| {
+                let caption = format!("{name}, {:.1} s", still.time_s);
+                Image::png(&still.png, &format!("{caption}, rendered"), &caption)
+            });
+            page = page
+                .text(&format!("Along the path of the camera {name}, rendered."))
+                .images(&images.collect::<Vec<_>>());
+        }
+        let images = self.comparisons.iter().map(|(number, png)| {
+            let (name, caption) = names(&self.record.views[*number]);
+            Image::png(png, &name, &caption)
+        });
+        page = page
+            .text(
+                "Held-out left images with the median PSNR of their camera: as recorded, and to \
+                 the right of it as rendered. The wearer and what moves are masked and not in the \
+                 scene.",
+            )
+            .images(&images.collect::<Vec<_>>());
+        if !self.record.training.checks.is_empty() {
+            page = page.table(&checks(&self.record));
+        }
+        page
+    }
+}
+
+/// All sectors, before their background.
+fn content(reader: &OutputReader, record: &SplatScene) -> Result<::splats::Scene, ReportError> {
+    let mut all = Splats::empty(record.degree).map_err(SplatError::from)?;
+    for number in 0..record.sectors.len() {
+        let sector = splats::read_sector(reader, record, number)?;
+        for index in 0..sector.len() {
+            all.push(&sector.get(index)).map_err(SplatError::from)?;
+        }
+    }
+    let background = match record.background {
+        SplatBackground::Constant(color) => Background::Constant(color),
+        SplatBackground::Sky { size } => {
+            Background::Sky(Sky::from_texels(size, splats::read_sky(reader, record)?)?)
+        }
+    };
+    Ok(::splats::Scene {
+        splats: all,
+        background,
+    })
+}
+
+fn about_view(viewer: &GaussianViewer, record: &SplatScene) -> String {
+    let all = record.count();
+    let count = match viewer.count == all {
+        true => format!("All {all} Gaussians are in this view"),
+        false => format!(
+            "{} of {all} Gaussians are in this view, those with the largest product of opacity and cross-section",
+            viewer.count
+        ),
+    };
+    let degree = match viewer.degree < record.degree {
+        true => format!(", with harmonics up to degree {}", viewer.degree),
+        false => String::new(),
+    };
+    format!(
+        "{count}{degree}. The flight follows the smoothed path of a camera, as a pinhole camera without exposure. \
+         Drag to look around, with two fingers, shift or the right button to move; pinch or turn the wheel after a \
+         click to move forward and back; or use the arrow keys, with shift to move, + and -."
+    )
 }
 
 fn in_short(record: &SplatScene) -> String {

@@ -1,9 +1,10 @@
-"use strict";
 // The view of a scene in three dimensions: a canvas, layers that draw themselves into it, and a camera that orbits.
 //
 // Data: the element #viewer-data holds JSON (see viewer.rs); the element named by a layer's `blob` holds its numbers,
 // little-endian, in base64. World: metres, z up. A new kind of layer is a function in LAYERS; nothing else knows it.
+"use strict";
 (() => {
+/*SHARED*/
   const box = document.getElementById("viewer");
   const canvas = document.getElementById("viewer-canvas");
   const data = JSON.parse(document.getElementById("viewer-data").textContent);
@@ -14,12 +15,6 @@
     box.toggleAttribute("data-none", !isShown);
     document.getElementById("viewer-none").hidden = isShown;
   };
-
-  // ---- Vectors and matrices (column-major, as WebGL takes them) ----
-  const add = (a, b, k = 1) => [a[0] + k * b[0], a[1] + k * b[1], a[2] + k * b[2]];
-  const dot = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-  const cross = (a, b) => [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
-  const clamp = (v, low, high) => Math.min(Math.max(v, low), high);
 
   // ---- The camera: looks at `target` from `distance`, along yaw (from x) and pitch (down is negative) ----
   const FOCAL = 1.5; // Focal length by half the height of the canvas.
@@ -77,19 +72,6 @@
   }
 
   // ---- Programs and buffers ----
-  function program(vertex, fragment) {
-    const made = gl.createProgram();
-    for (const [kind, text] of [[gl.VERTEX_SHADER, vertex], [gl.FRAGMENT_SHADER, fragment]]) {
-      const shader = gl.createShader(kind);
-      gl.shaderSource(shader, "#version 300 es\nprecision highp float;\n" + text);
-      gl.compileShader(shader);
-      gl.attachShader(made, shader);
-    }
-    gl.linkProgram(made);
-    if (!gl.getProgramParameter(made, gl.LINK_STATUS)) throw new Error(gl.getProgramInfoLog(made));
-    const places = {};
-    return { made, at: (name) => places[name] ??= gl.getUniformLocation(made, name) };
-  }
   function buffer(array) {
     const made = gl.createBuffer();
     gl.bindBuffer(gl.ARRAY_BUFFER, made);
@@ -102,13 +84,6 @@
     gl.vertexAttribPointer(place, count, type, isNormalised, stride, offset);
     gl.vertexAttribDivisor(place, divisor);
   }
-  function blob(name) {
-    const text = atob(document.getElementById(name).textContent.trim());
-    const bytes = new Uint8Array(text.length);
-    for (let k = 0; k < text.length; k++) bytes[k] = text.charCodeAt(k);
-    return bytes.buffer;
-  }
-
   // ---- Colours of values, by the reader's choice of a light or dark screen ----
   const dark = matchMedia("(prefers-color-scheme: dark)");
   const anchors = () => dark.matches ? data.ramp.dark : data.ramp.light;
@@ -124,7 +99,7 @@
     // u16 x 3 per point: steps from `low`; then u8 x 3 per point: colour.
     points(layer) {
       const numbers = layer.numbers ??= blob(layer.blob);
-      const shaders = program(`
+      const shaders = program(gl, `
         layout(location = 0) in vec3 place;
         layout(location = 1) in vec3 colour;
         uniform mat4 clip_from_world;
@@ -164,7 +139,7 @@
     // the line goes on from the place before. Drawn as rectangles as wide as the screen wants; behind points it shines through.
     line(layer) {
       const numbers = layer.numbers ??= blob(layer.blob);
-      const shaders = program(`
+      const shaders = program(gl, `
         layout(location = 0) in vec3 from;
         layout(location = 1) in vec3 to;
         layout(location = 2) in vec4 from_colour;
@@ -245,10 +220,8 @@
     requestAnimationFrame(() => {
       isWaiting = false;
       if (gl.isContextLost()) return;
-      const ratio = Math.min(devicePixelRatio || 1, 2);
-      const [width, height] = [canvas.clientWidth, canvas.clientHeight].map((v) => Math.max(1, Math.round(v * ratio)));
-      if (canvas.width !== width || canvas.height !== height) [canvas.width, canvas.height] = [width, height];
-      gl.viewport(0, 0, width, height);
+      const ratio = fit(canvas);
+      gl.viewport(0, 0, canvas.width, canvas.height);
       const paper = dark.matches ? [0.07, 0.08, 0.09] : [1, 1, 1];
       gl.clearColor(...paper, 1);
       gl.enable(gl.DEPTH_TEST);
@@ -286,33 +259,10 @@
     view.distance = clamp(view.distance * factor, 0.05, 20 * size_m);
     draw();
   }
-  const fingers = new Map();
-  // Middle and spread of what touches the canvas.
-  const hold = () => {
-    const all = [...fingers.values()];
-    const middle = [0, 1].map((k) => all.reduce((sum, p) => sum + p[k], 0) / all.length);
-    const spread = all.length < 2 ? 0 : Math.hypot(all[0][0] - all[1][0], all[0][1] - all[1][1]);
-    return { middle, spread };
-  };
-  canvas.addEventListener("pointerdown", (event) => {
-    canvas.setPointerCapture(event.pointerId);
-    canvas.focus({ preventScroll: true });
-    fingers.set(event.pointerId, [event.clientX, event.clientY]);
-  });
-  canvas.addEventListener("pointermove", (event) => {
-    if (!fingers.has(event.pointerId)) return;
-    const before = hold();
-    fingers.set(event.pointerId, [event.clientX, event.clientY]);
-    const after = hold();
-    const [dx, dy] = [0, 1].map((k) => after.middle[k] - before.middle[k]);
-    const isPan = fingers.size > 1 || event.shiftKey || (event.buttons & 6) !== 0;
+  watchPointers(canvas, (dx, dy, isPan, spread) => {
     if (isPan) pan(dx, dy); else turn(dx, dy);
-    if (before.spread > 0 && after.spread > 0) zoom(before.spread / after.spread);
+    if (spread !== 1) zoom(spread);
   });
-  for (const name of ["pointerup", "pointercancel"]) {
-    canvas.addEventListener(name, (event) => fingers.delete(event.pointerId));
-  }
-  canvas.addEventListener("contextmenu", (event) => event.preventDefault());
   canvas.addEventListener("wheel", (event) => {
     // A reader who scrolls past keeps scrolling; a click into the view makes the wheel zoom.
     if (document.activeElement !== canvas && !event.ctrlKey) return;

@@ -1,27 +1,28 @@
 //! The view of cloud and path in three dimensions: WebGL2, with everything it needs in the page.
 //!
 //! Contract: the page opens it from a file, without a network; if WebGL2 is missing, a message is
-//! shown instead. Embedded data take at most [`MAX_BYTES`]: the path first, then every n-th point
-//! of the cloud in order, so that the same cloud gives the same bytes; the number of shown points
-//! is stated. Positions are 16-bit steps within the bounding box, a step being a 65535th of its
-//! edge: 1.5 mm in a scene of 100 m.
+//! shown instead. Embedded data take at most [`Content::max_bytes`]: the path first, then every
+//! n-th point of the cloud in order, so that the same cloud gives the same bytes; the number of
+//! shown points is stated. Positions are 16-bit steps within the bounding box, a step being a
+//! 65535th of its edge: 1.5 mm in a scene of 100 m.
 //!
 //! A layer is a name, a kind and a blob of numbers, little-endian, in base64; `viewer.js` has a
-//! function for each kind that documents its layout. Splats will be one more.
+//! function for each kind that documents its layout.
 
-use charts::base64;
 use scene_bundle::outputs::cloud::CloudPoint;
 use serde_json::{Value, json};
 
 use super::colors;
 use super::trajectory_map::Step;
+use super::viewer_page::{Template, text_bytes};
 use super::views;
 
-/// HTML of the view: style, canvas, controls.
-const HTML: &str = include_str!("viewer.html");
-/// The program.
-const SCRIPT: &str = include_str!("viewer.js");
-/// Maximum text for layers: with charts and images a report is well below 25 MB.
+const TEMPLATE: Template = Template {
+    html: include_str!("viewer.html"),
+    script: include_str!("viewer.js"),
+};
+/// Maximum text for layers and the scene of Gaussians: with charts and images a report is well
+/// below 25 MB.
 pub(super) const MAX_BYTES: usize = 14_000_000;
 /// Bytes per point.
 const POINT_BYTES: usize = 9;
@@ -52,6 +53,8 @@ pub(super) struct Content<'a> {
     pub(super) view: [[f64; 3]; 2],
     /// Initial maximum height of shown points, m.
     pub(super) top_m: f64,
+    /// Maximum text for layers.
+    pub(super) max_bytes: usize,
 }
 
 /// The view as HTML, and the number of points in it.
@@ -87,7 +90,9 @@ pub(super) fn viewer(content: &Content<'_>) -> Viewer {
         }),
         low,
     );
-    let room = MAX_BYTES.saturating_sub(text_bytes(path.bytes.len() + truth.bytes.len()));
+    let room = content
+        .max_bytes
+        .saturating_sub(text_bytes(path.bytes.len() + truth.bytes.len()));
     let shown = thin(&points, room / text_bytes(POINT_BYTES));
     let numbers = cloud(&shown, low, high);
 
@@ -124,32 +129,14 @@ pub(super) fn viewer(content: &Content<'_>) -> Viewer {
         },
         "layers": layers.iter().map(|(of, _)| of).collect::<Vec<_>>(),
     });
+    let blobs: Vec<(String, Vec<u8>)> = layers
+        .into_iter()
+        .map(|(of, bytes)| (of["blob"].as_str().unwrap_or_default().to_owned(), bytes))
+        .collect();
     Viewer {
-        html: embedded(&header, &layers),
+        html: TEMPLATE.fill("viewer-data", &header, &blobs),
         points: shown.len(),
     }
-}
-
-fn embedded(header: &Value, layers: &[(Value, Vec<u8>)]) -> String {
-    // In a script element `<` could end it.
-    let header = header.to_string().replace('<', "\\u003c");
-    let mut data =
-        format!("<script type=\"application/json\" id=\"viewer-data\">{header}</script>\n");
-    for (of, bytes) in layers {
-        let name = of["blob"].as_str().unwrap_or_default();
-        data.push_str(&format!(
-            "<script type=\"application/octet-stream\" id=\"{name}\">{}</script>\n",
-            base64(bytes)
-        ));
-    }
-    // The data holds neither marker: it has no `<` but those of its own tags.
-    HTML.replace("<!--SCRIPT-->", SCRIPT.trim_end())
-        .replace("<!--DATA-->", data.trim_end())
-}
-
-/// Length of `bytes` bytes in base64.
-fn text_bytes(bytes: usize) -> usize {
-    bytes.div_ceil(3) * 4
 }
 
 /// Bounding box of all positions, at least a metre along each edge.
@@ -301,6 +288,7 @@ mod tests {
             what: "error < 1",
             view: [[0.0, -5.0, 3.0], [0.0; 3]],
             top_m: 1.0,
+            max_bytes: MAX_BYTES,
         }
     }
 
@@ -310,9 +298,8 @@ mod tests {
 
     #[test]
     fn the_program_is_short_and_fetches_nothing() {
-        let lines = HTML.lines().chain(SCRIPT.lines());
-        assert!(lines.clone().count() <= 600, "{}", lines.count());
-        let longest = lines.map(|l| l.chars().count()).max();
+        assert!(TEMPLATE.lines().count() <= 600);
+        let longest = TEMPLATE.lines().map(|l| l.chars().count()).max();
         assert!(longest <= Some(140), "{longest:?}");
         let viewer = viewer(&content(&[point([0.0; 3])], &[step(0.0, false)], &[]));
         assert_eq!(charts::inspect(&page(&viewer.html)), Ok(()));
@@ -364,7 +351,7 @@ mod tests {
         let truth: Vec<[f64; 3]> = steps.iter().map(|s| s.x_in_world).collect();
         let of = content(&points, &steps, &truth);
         let first = viewer(&of);
-        let rest = HTML.len() + SCRIPT.len() + 4096;
+        let rest = TEMPLATE.bytes() + 4096;
         assert!(first.html.len() <= MAX_BYTES + rest, "{}", first.html.len());
         assert!(
             first.html.len() > MAX_BYTES * 9 / 10,

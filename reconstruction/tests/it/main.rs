@@ -5,6 +5,7 @@ mod command;
 mod evaluate;
 mod frame_set_reader;
 mod full_disk;
+mod gaussian_view;
 mod ground;
 mod hostile;
 mod incomplete_walks;

@@ -37,7 +37,7 @@ cargo xtask VERB: set-up and developer verbs
         or all. --quick: the short form. --qemu: on the system's own kernel, which is slow. --cached:
         skip them if the kernel was not built before; building takes some five minutes.
   fuzz [SECONDS] [--no-install]
-        Run each fuzz target of session-archive for SECONDS (default 60).
+        Run each fuzz target of session-archive, scene-bundle and gaussians for SECONDS (default 60).
   guide [--no-install]
         Run every command of README.md and docs/getting-started.md as it stands there, in a fresh clone and an empty home.
         `test` does so without the builds.

@@ -85,11 +85,13 @@ pub enum Format {
     Spz,
     /// One file, the Gaussians with one color each.
     Splat,
+    /// One file, the Gaussians as glTF, y up.
+    SplatGlb,
 }
 
 impl Format {
     /// All of them.
-    pub const ALL: [Self; 20] = [
+    pub const ALL: [Self; 21] = [
         Self::Tum,
         Self::Kitti,
         Self::Euroc,
@@ -110,6 +112,7 @@ impl Format {
         Self::SplatPly,
         Self::Spz,
         Self::Splat,
+        Self::SplatGlb,
     ];
 
     /// Its name on the command line.
@@ -135,6 +138,7 @@ impl Format {
             Self::SplatPly => "splat-ply",
             Self::Spz => "spz",
             Self::Splat => "splat",
+            Self::SplatGlb => "splat-glb",
         }
     }
 
@@ -156,7 +160,7 @@ impl Format {
             }
             Self::MapServer | Self::GridMap | Self::HeightGeotiff => &[outputs::MAPS],
             Self::Mjcf => &[outputs::COLLISION],
-            Self::SplatPly | Self::Spz | Self::Splat => &[outputs::SPLATS],
+            Self::SplatPly | Self::Spz | Self::Splat | Self::SplatGlb => &[outputs::SPLATS],
         }
     }
 
@@ -413,6 +417,7 @@ pub fn export(
         Format::SplatPly => splats::export(scene, SplatFormat::Ply, out)?,
         Format::Spz => splats::export(scene, SplatFormat::Spz, out)?,
         Format::Splat => splats::export(scene, SplatFormat::Splat, out)?,
+        Format::SplatGlb => splats::export(scene, SplatFormat::Glb, out)?,
     };
     let outdated = scene.manifest().outdated();
     for name in format.outputs(options.causal) {

@@ -1,4 +1,5 @@
-//! Files of Gaussians: [`ply`], [`spz`] and [`dot_splat`], as bytes in and bytes out.
+//! Files of Gaussians: [`ply`], [`spz`] and [`dot_splat`] as bytes in and bytes out, [`glb`] as
+//! bytes out.
 //!
 //! Contract: readers accept any bytes. They return what the file contains, or an error that names
 //! what was found and expected; they do not panic, and their memory is bounded by the given maximum
@@ -6,6 +7,7 @@
 //! [`Splats::transformed`](crate::Splats::transformed) rotates Gaussians with their harmonics.
 
 pub mod dot_splat;
+pub mod glb;
 pub mod ply;
 pub mod spz;
 #[cfg(test)]

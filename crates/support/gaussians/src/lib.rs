@@ -2,7 +2,7 @@
 //! as data: their parameters, rigid transforms of them, and files.
 //!
 //! - [`Splats`] is a structure of arrays of Gaussians. World frame, m.
-//! - [`files`] reads and writes `.ply`, `.splat` and `.spz`.
+//! - [`files`] reads and writes `.ply`, `.splat` and `.spz`, and writes `.glb`.
 //!
 //! Nothing here renders or trains: the crate `splats` does.
 #![allow(

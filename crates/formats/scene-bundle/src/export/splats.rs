@@ -1,20 +1,24 @@
-//! The Gaussians as one file: `.ply` of 3DGS, `.spz`, `.splat`.
+//! The Gaussians as one file: `.ply` of 3DGS, `.spz`, `.splat`, binary glTF with the extension
+//! `KHR_gaussian_splatting`.
 //!
 //! Contract: `.ply` and `.splat` keep the axes of the world, z up, since neither format states any;
-//! `.spz` states that y is up, and positions, rotations and harmonics are rotated to that. No
-//! format holds a sky. Sectors follow each other.
+//! `.spz` and glTF state that y is up, and positions, rotations and harmonics are rotated to that.
+//! No format holds a sky. Sectors follow each other.
 
 use std::path::Path;
 
 use cad_transforms::output::{Existing, write};
 use gaussians::Splats;
-use gaussians::files::{dot_splat, ply, spz};
+use gaussians::files::{dot_splat, glb, ply, spz};
 
 use super::error::ExportError;
 use super::summary::Summary;
 use crate::outputs;
 use crate::outputs::splats::{self, SplatBackground};
 use crate::scene::Scene;
+
+/// The program in files that name it.
+const GENERATOR: &str = concat!("paws-scene ", env!("CARGO_PKG_VERSION"));
 
 /// The file format.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -25,6 +29,8 @@ pub(super) enum SplatFormat {
     Spz,
     /// One color each.
     Splat,
+    /// Binary glTF.
+    Glb,
 }
 
 impl SplatFormat {
@@ -33,6 +39,7 @@ impl SplatFormat {
             Self::Ply => "splat-ply",
             Self::Spz => "spz",
             Self::Splat => "splat",
+            Self::Glb => "splat-glb",
         }
     }
 }
@@ -72,6 +79,14 @@ pub(super) fn export(
             }
             dot_splat::write(&all)
         }
+        SplatFormat::Glb => {
+            notes.push(
+                "y is up in glTF: x, y, z of the world are written as x, z, -y, with the harmonics"
+                    .to_owned(),
+            );
+            let rotated = all.transformed(&spz::rub_from_z_up());
+            glb::write(&rotated, GENERATOR).map_err(|error| refused(format, &error))?
+        }
         SplatFormat::Ply => {
             notes.push("z is up as in the world; many viewers assume y down".to_owned());
             ply::write(&all, record.compensated)
@@ -83,11 +98,11 @@ pub(super) fn export(
             format.name()
         ));
     }
-    if record.compensated && format == SplatFormat::Splat {
-        notes.push(
-            ".splat cannot state that opacities are compensated: distant parts look too thin"
-                .to_owned(),
-        );
+    if record.compensated && matches!(format, SplatFormat::Splat | SplatFormat::Glb) {
+        notes.push(format!(
+            "{} cannot state that opacities are compensated: distant parts look too thick",
+            format.name()
+        ));
     }
     write(out, &bytes, Existing::Refuse)?;
     Ok(Summary {

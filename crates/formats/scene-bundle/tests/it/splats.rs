@@ -4,12 +4,13 @@ use std::fs;
 
 use cad_transforms::RigidTransform;
 use camera_models::Eye;
-use gaussians::files::{dot_splat, ply, spz};
+use gaussians::files::{dot_splat, glb, ply, spz};
 use gaussians::{Plane, Splat, Splats};
 use scene_bundle::export::{Format, Options, export};
-use scene_bundle::outputs;
 use scene_bundle::outputs::splats::{self, *};
-use scene_bundle::{Bundle, BundleError, Draft, OutputReader, Scene};
+use scene_bundle::outputs::{self, SPLATS};
+use scene_bundle::{Bundle, BundleError, Draft, OutputReader, Scene, layout};
+use serde_json::{Value, json};
 
 use crate::sample::{provenance, record};
 
@@ -339,6 +340,15 @@ fn exports_keep_the_gaussians_and_state_what_they_change() {
         notes.contains("harmonics") && notes.contains("compensated"),
         "{notes}"
     );
+    let (bytes_of_glb, notes) = exported(Format::SplatGlb);
+    assert!(
+        notes.contains("written as x, z, -y") && notes.contains("compensated"),
+        "{notes}"
+    );
+    let rotated = all.transformed(&spz::rub_from_z_up());
+    let generator = concat!("paws-scene ", env!("CARGO_PKG_VERSION"));
+    assert!(bytes_of_glb == glb::write(&rotated, generator).unwrap());
+
     let found = dot_splat::read(&bytes, 10).unwrap().splats;
     let highest = |splats: &Splats| splats.planes()[2].iter().copied().fold(0.0, f32::max);
     assert_eq!(highest(&found), highest(&all));
@@ -367,4 +377,117 @@ fn a_bundle_without_gaussians_has_none_to_export() {
     let error = export(&bundle.scene(), Format::SplatPly, &Options::default(), &out);
     let error = error.unwrap_err().to_string();
     assert!(error.contains("no output splats"), "{error}");
+}
+
+/// A file with up to three edits; half of the edits of a text change a number.
+fn edited(original: &[u8], case: u64) -> Vec<u8> {
+    let mut bytes = original.to_vec();
+    let random = |k: u64| counter_random::bits(9, k, case) as usize;
+    for k in (1..2 + random(0) as u64 % 3).map(|k| 8 * k) {
+        let at = random(k + 1) % bytes.len().max(1);
+        let end = (at + random(k + 2) % 30).min(bytes.len());
+        match random(k + 3) % 8 {
+            0 => drop(bytes.drain(at..end)),
+            1 => bytes.truncate(at),
+            2 => drop(bytes.splice(at..at, [random(k + 4) as u8; 2])),
+            3 => bytes[at..end].fill(0),
+            _ => {
+                let digit = bytes[at..].iter().position(u8::is_ascii_digit);
+                let numbers = [
+                    "4294967295",
+                    "99999999999999999999",
+                    "-1",
+                    "0",
+                    "1e300",
+                    "7",
+                ];
+                let text = numbers[random(k + 4) % 6].bytes();
+                if let Some(digit) = digit {
+                    drop(bytes.splice(at + digit..at + digit + 1, text));
+                }
+            }
+        }
+        if bytes.is_empty() {
+            break;
+        }
+    }
+    bytes
+}
+
+/// With the right hashes, so that what lies behind them is reached: what a stranger can write.
+#[test]
+fn edited_outputs_are_read_or_refused() {
+    let (_folder, original) = bundle(write);
+    let from = reader(&original);
+    let names = ["splats.json", "000.ply", "sky.npy"];
+    let contents = names.map(|name| from.read(name).unwrap());
+    let manifest_path = original.path().join("scene.json");
+    let manifest: Value = serde_json::from_slice(&fs::read(&manifest_path).unwrap()).unwrap();
+    let mut folder = original.path().join(from.folder());
+    let hash_of_sector = blake3::hash(&contents[1]).to_hex();
+    let mut refused = [0; 3];
+    for case in 0..900_u64 {
+        let which = case as usize % 3;
+        let mut files = contents.clone();
+        files[which] = edited(&contents[which], case);
+        if which == 1 {
+            let hash = blake3::hash(&files[1]).to_hex();
+            let text = String::from_utf8(files[0].clone()).unwrap();
+            files[0] = text.replace(hash_of_sector.as_str(), &hash).into_bytes();
+        }
+        let mut manifest = manifest.clone();
+        let output = &mut manifest["outputs"]["splats"];
+        for entry in output["files"].as_array_mut().unwrap() {
+            let Some(k) = names.iter().position(|name| entry["path"] == *name) else {
+                continue;
+            };
+            entry["bytes"] = json!(files[k].len());
+            entry["blake3"] = json!(blake3::hash(&files[k]).to_hex().as_str());
+            fs::write(folder.join(names[k]), &files[k]).unwrap();
+        }
+        let hash = hash_of_output(&output["files"]);
+        output["hash"] = json!(hash);
+        let renamed = original.path().join(layout::folder(SPLATS, &hash));
+        fs::rename(&folder, &renamed).unwrap();
+        folder = renamed;
+        fs::write(&manifest_path, manifest.to_string()).unwrap();
+        let scene = Scene::open(&original.path()).unwrap();
+        match read_all(&reader(&scene)) {
+            Ok(()) => {}
+            Err(error) => {
+                let error = error.to_string();
+                let ends = ["splats.json", ".ply", "sky.npy"];
+                assert!(ends.iter().any(|end| error.ends_with(end)), "{error}");
+                refused[which] += 1;
+            }
+        }
+    }
+    println!("{refused:?} of 300 each refused");
+    assert!(refused.iter().all(|count| *count > 60), "{refused:?}");
+}
+
+/// As FORMAT.md has it; the writer lists files in order.
+fn hash_of_output(files: &Value) -> String {
+    let line = |file: &Value| {
+        let text = |key: &str| file[key].as_str().unwrap().to_owned();
+        format!("{} {} {}\n", text("blake3"), file["bytes"], text("path"))
+    };
+    let lines: String = files.as_array().unwrap().iter().map(line).collect();
+    blake3::hash(lines.as_bytes()).to_hex().to_string()
+}
+
+fn read_all(reader: &OutputReader) -> Result<(), BundleError> {
+    let record = splats::read(reader)?;
+    for (number, sector) in record.sectors.iter().enumerate() {
+        let found = splats::read_sector(reader, &record, number)?;
+        assert_eq!(found.len(), sector.count);
+        let mut values = found.planes().iter().flatten();
+        assert!(values.all(|value| value.is_finite()));
+    }
+    let texels = splats::read_sky(reader, &record)?;
+    assert!(texels.as_flattened().iter().all(|value| value.is_finite()));
+    for view in 0..record.views.len() {
+        splats::read_comparison(reader, view)?;
+    }
+    Ok(())
 }

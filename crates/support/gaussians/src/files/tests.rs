@@ -244,8 +244,7 @@ fn compressed_files_lose_no_more_than_their_steps() {
 }
 
 #[test]
-fn readers_accept_any_bytes() {
-    let mut refused = 0;
+fn incomplete_files_are_refused() {
     for (name, read, bytes) in files() {
         for length in 0..bytes.len() {
             // A `.splat` of whole rows is a shorter file.
@@ -255,25 +254,7 @@ fn readers_accept_any_bytes() {
                 "{name} of {length} bytes"
             );
         }
-        for i in 0..3000_u64 {
-            let mut broken = bytes.clone();
-            let random = |k: u64| counter_random::bits(5, k, i) as usize;
-            for k in 0..1 + random(0) as u64 % 4 {
-                let at = random(3 * k + 1) % broken.len();
-                match random(3 * k + 2) % 4 {
-                    0 => broken[at] = random(3 * k + 3) as u8,
-                    1 => broken[at] ^= 1 << (random(3 * k + 3) % 8),
-                    2 => drop(broken.remove(at)),
-                    _ => broken.insert(at, random(3 * k + 3) as u8),
-                }
-            }
-            if let Err(error) = read(&broken, MAX) {
-                assert!(!error.to_string().is_empty());
-                refused += 1;
-            }
-        }
     }
-    assert!(refused > 1000, "{refused}");
     for read in [ply::read as Reader, spz::read] {
         assert!(read(&[], MAX).is_err());
         assert!(read(&[0x1f, 0x8b], MAX).is_err());
