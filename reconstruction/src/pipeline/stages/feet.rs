@@ -11,6 +11,7 @@ use std::collections::BTreeSet;
 
 use ::feet::causal::causal_poses;
 use ::feet::events::{Contact, Event};
+use ::feet::ground::GroundHeights;
 use ::feet::observation::causal_observations;
 use ::feet::shoe::Side;
 use ::feet::swing_habit::SwingHabit;
@@ -56,7 +57,7 @@ impl Stage<Input> for FeetStage {
     }
 
     fn version(&self) -> u32 {
-        4
+        5
     }
 
     fn inputs(&self) -> &'static [&'static str] {
@@ -159,6 +160,11 @@ pub fn feet(
     let mut poses = Vec::with_capacity(2 * times.len());
     let mut causal = Vec::with_capacity(2 * times.len());
     if observed.iter().any(|own| !own.is_empty()) {
+        // The mesh is that of the trajectory with its jumps.
+        let heights = match continuous.has_jumps() {
+            true => GroundHeights::default(),
+            false => GroundHeights::new(ground.positions.iter().map(|own| own.map(f64::from))),
+        };
         let known = [0, 1].map(|k: usize| FootContacts {
             side: match Foot::ALL[k] {
                 Foot::Left => Side::Left,
@@ -167,6 +173,7 @@ pub fn feet(
             observations: &observed[k],
             contacts: &contacts[k],
             sole: soles[k],
+            ground: &heights,
         });
         // What a tag that slipped shows is not how feet swing.
         let sound = [0, 1].map(|k: usize| FootContacts {
