@@ -4,8 +4,8 @@
 //! - [`images`]: rendered images, kept on request; [`recording`]: the tags in them, and the truth.
 //! - [`detections`]: sightings of shoe tags against the truth.
 //! - [`ground`]: the ground as a map shows it.
-//! - [`gait`]: contacts, their times, and hidden swings, from these sightings, true poses of the rig
-//!   and that ground.
+//! - [`gait`]: contacts, their times, and hidden swings, from these sightings, true poses of the
+//!   rig and that ground.
 
 use std::path::{Path, PathBuf};
 

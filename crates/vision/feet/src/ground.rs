@@ -12,17 +12,6 @@ const CELL_M: f64 = 0.04;
 const MIN_CELLS: usize = 5;
 
 /// See the module.
-///
-/// ```
-/// use feet::ground::GroundHeights;
-///
-/// let step = |x: f64| if x < 0.3 { 0.0 } else { 0.17 };
-/// let points = (0..60).flat_map(|i| (0..10).map(move |j| [0.01 * f64::from(i), 0.04 * f64::from(j)]));
-/// let ground = GroundHeights::new(points.map(|[x, y]| [x, y, step(x)]));
-/// assert_eq!(ground.below([0.5, 0.2], 0.6), Some(0.17));
-/// assert_eq!(ground.below([0.1, 0.2], 0.6), Some(0.0));
-/// assert_eq!(ground.below([2.0, 0.2], 0.6), None);
-/// ```
 #[derive(Clone, Debug, Default)]
 pub struct GroundHeights {
     /// Heights of points by cell.
@@ -40,7 +29,7 @@ impl GroundHeights {
     }
 
     /// Height of the ground at a place, of the highest storey that is not above a limit, m.
-    pub fn below(&self, place: [f64; 2], limit_m: f64) -> Option<f64> {
+    pub(crate) fn below(&self, place: [f64; 2], limit_m: f64) -> Option<f64> {
         let [row, column] = cell(place);
         let around = (-1..=1).flat_map(|i| (-1..=1).map(move |j| [row + i, column + j]));
         let top = |cell: [i32; 2]| {
@@ -72,6 +61,15 @@ mod tests {
         assert_eq!(ground.below([0.5, 0.5], 0.5), Some(0.0));
         assert_eq!(ground.below([0.5, 0.5], 3.5), Some(3.0));
         assert_eq!(ground.below([0.5, 0.5], -0.5), None);
+    }
+
+    #[test]
+    fn steps_are_as_high_on_either_side_of_their_edge_as_they_are() {
+        let step = plane(0.0).map(|[x, y, _]| [x, y, if x < 0.5 { 0.0 } else { 0.17 }]);
+        let ground = GroundHeights::new(step);
+        assert_eq!(ground.below([0.4, 0.5], 0.5), Some(0.0));
+        assert_eq!(ground.below([0.6, 0.5], 0.5), Some(0.17));
+        assert_eq!(ground.below([2.0, 0.5], 0.5), None);
     }
 
     #[test]

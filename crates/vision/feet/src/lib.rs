@@ -15,7 +15,7 @@ mod contact;
 mod deviation;
 pub mod events;
 mod eye_agreement;
-pub mod ground;
+mod ground;
 pub mod observation;
 mod poses;
 mod prediction;

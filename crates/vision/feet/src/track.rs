@@ -11,12 +11,12 @@ use cad_transforms::{Covariance, RigidTransform};
 use nalgebra::{Matrix3, Matrix6, UnitQuaternion, Vector3};
 
 use crate::config::SwingConfig;
-pub use crate::contact::FootContacts;
 use crate::contact::{Contact, rest_s, seconds};
 use crate::poses::pose;
 use crate::stance::FootObservation;
 use crate::swing_clearance::SwingClearance;
 use crate::swing_habit::{Swing, SwingHabit};
+pub use crate::{contact::FootContacts, ground::GroundHeights};
 
 /// How the pose of a foot is known.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

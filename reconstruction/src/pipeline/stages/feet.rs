@@ -11,11 +11,10 @@ use std::collections::BTreeSet;
 
 use ::feet::causal::causal_poses;
 use ::feet::events::{Contact, Event};
-use ::feet::ground::GroundHeights;
 use ::feet::observation::causal_observations;
 use ::feet::shoe::Side;
 use ::feet::swing_habit::SwingHabit;
-use ::feet::track::{self, FootContacts, foot_poses};
+use ::feet::track::{self, FootContacts, GroundHeights, foot_poses};
 use ::feet::{ClockConfig, FootConfig, GaitConfig, JumpConfig, PlacementConfig, SlideConfig};
 use cad_transforms::rig::Foot;
 use scene_bundle::outputs::contacts::{ContactEvent, ContactView, FootContact};

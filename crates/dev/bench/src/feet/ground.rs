@@ -1,15 +1,13 @@
 //! The ground around the feet of a walk, as a map of the stage `terrain` shows it.
 //!
-//! Contract: points in a grid with the errors of such a map, all of what the feet pass by. Errors of
-//! neighboring points are independent.
+//! Contract: points in a grid with the errors of such a map, all of what the feet pass by.
+//! Errors of neighboring points are independent.
 
 use std::collections::HashSet;
 
-use feet::ground::GroundHeights;
+use feet::track::GroundHeights;
 use rig_sim::random;
 use rig_sim::simulation::Simulation;
-
-use super::recording::TruePose;
 
 /// Distance of points, m, and how far they are from the middle of a foot.
 const SPACING_M: f64 = 0.02;
@@ -21,20 +19,18 @@ const ABOVE_M: f64 = 0.5;
 /// Stream of these errors.
 const STREAM: u64 = 0x6f00;
 
-/// The ground around poses of the feet.
+/// The ground around places of the feet, m.
 pub(super) fn ground(
     simulation: &Simulation,
     seed: u64,
-    feet: &[Vec<TruePose>; 2],
+    feet: impl Iterator<Item = [f64; 3]>,
 ) -> GroundHeights {
     let count = (AROUND_M / SPACING_M).round() as i64;
     let mut known = HashSet::new();
     let mut points = Vec::new();
-    // A foot moves by some centimeters from one of these to the next.
-    for foot in feet.iter().flat_map(|poses| poses.iter().step_by(4)) {
-        let [x, y, z] = foot.world_from_foot.translation_m();
+    for [x, y, z] in feet {
         let middle = [x, y].map(|v| (v / SPACING_M).round() as i64);
-        let storey = (z / 1.0).round() as i64;
+        let storey = z.round() as i64;
         for i in -count..=count {
             for j in -count..=count {
                 let key = [middle[0] + i, middle[1] + j, storey];

@@ -14,9 +14,9 @@ use boards::Dictionary;
 use cad_transforms::{Covariance, RigidTransform};
 use camera_models::Lens;
 use feet::Config;
-use feet::ground::GroundHeights;
 use feet::shoe::{Shoe, ShoeTag, Side as FootSide};
 use feet::tag_tracker::{Camera, Detection, Frame, RigState, TagTracker};
+use feet::track::GroundHeights;
 use fiducials::{Motion, Tag};
 use nalgebra::{UnitQuaternion, Vector3};
 use rig_sim::camera::Shutter;
@@ -104,9 +104,12 @@ impl Recording {
             true_poses(&simulation, 0, walk)?,
             true_poses(&simulation, 1, walk)?,
         ];
+        // A foot moves by some centimeters from one of these to the next.
+        let places = feet.iter().flat_map(|poses| poses.iter().step_by(4));
+        let places = places.map(|pose| pose.world_from_foot.translation_m());
         let mut recording = Self {
             begin_s: walk.begin_s,
-            ground: ground(&simulation, walk.seed, &feet),
+            ground: ground(&simulation, walk.seed, places),
             frames: Vec::new(),
             sightings: Vec::new(),
             contacts: [contacts(&simulation, 0)?, contacts(&simulation, 1)?],
