@@ -3,8 +3,9 @@
 //! - [`walks`]: the walks, the rigs, and wearers with the gait of [`joint_gait`].
 //! - [`images`]: rendered images, kept on request; [`recording`]: the tags in them, and the truth.
 //! - [`detections`]: sightings of shoe tags against the truth.
-//! - [`gait`]: contacts, their times, and hidden swings, from these sightings and true poses of the
-//!   rig.
+//! - [`ground`]: the ground as a map shows it.
+//! - [`gait`]: contacts, their times, and hidden swings, from these sightings, true poses of the
+//!   rig and that ground.
 
 use std::path::{Path, PathBuf};
 
@@ -21,6 +22,7 @@ use crate::stamp;
 mod charts;
 mod detections;
 mod gait;
+mod ground;
 mod images;
 mod joint_gait;
 mod recording;

@@ -255,7 +255,7 @@ config! {
         /// on the walks that this was developed with were that much larger.
         pub hidden_factor: f64 = 1.2,
         /// The same of steps that rise or fall.
-        pub climb_factor: f64 = 2.0,
+        pub climb_factor: f64 = 1.5,
         /// Standard deviations of the lift and of the strike from which on a foot that no frame
         /// shows is lost between its contacts, s: frames are missing.
         pub max_lift_sigma_s: f64 = 0.12,

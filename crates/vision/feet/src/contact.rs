@@ -1,5 +1,6 @@
 //! Contacts of a foot with the ground, and what is known of a foot.
 
+use crate::ground::GroundHeights;
 use crate::shoe::Side;
 use crate::stance::{FootObservation, Stance};
 
@@ -86,6 +87,8 @@ pub struct FootContacts<'a> {
     pub contacts: &'a [Contact],
     /// The edges of its sole.
     pub sole: SoleEdges,
+    /// The ground between its contacts, where that is known.
+    pub ground: &'a GroundHeights,
 }
 
 /// Seconds of a time in nanoseconds.

@@ -2,8 +2,8 @@
 //!
 //! Contract: at rest a foot has the pose of its contact. From a contact to the next one it follows
 //! its usual motion, with the deviation that frames show; where no frame does, the covariance says
-//! so. A foot whose next contact is missing, or too late for one step, is lost, and so is one that
-//! no frame shows between events that are hardly known.
+//! so, and the sole clears the ground. A foot whose next contact is missing, or too late for one
+//! step, is lost, and so is one that no frame shows between events that are hardly known.
 
 use std::ops::Range;
 
@@ -11,11 +11,12 @@ use cad_transforms::{Covariance, RigidTransform};
 use nalgebra::{Matrix3, Matrix6, UnitQuaternion, Vector3};
 
 use crate::config::SwingConfig;
-pub use crate::contact::FootContacts;
 use crate::contact::{Contact, rest_s, seconds};
 use crate::poses::pose;
 use crate::stance::FootObservation;
+use crate::swing_clearance::SwingClearance;
 use crate::swing_habit::{Swing, SwingHabit};
+pub use crate::{contact::FootContacts, ground::GroundHeights};
 
 /// How the pose of a foot is known.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -86,6 +87,7 @@ pub fn foot_poses(
         next = between.end;
         let between = &times_ns[between];
         let times_s: Vec<f64> = between.iter().map(|ns| seconds(*ns)).collect();
+        let clearance = clearance(foot, &swing, [contact, after], habit);
         match swing.deviations(habit, &times_s) {
             Some(deviations) => poses.extend(between.iter().zip(deviations).map(|(ns, own)| {
                 let status = match is_observed(foot.observations, *ns, config) {
@@ -98,7 +100,9 @@ pub fn foot_poses(
                     _ => 1.0,
                 };
                 let factor = factor * factor;
-                let own = own.map(|[value, variance]| [value, factor * variance]);
+                let mut own = own.map(|[value, variance]| [value, factor * variance]);
+                let [up, variance] = own[UP];
+                own[UP][0] = up + clearance.lift_m(seconds(*ns), variance.sqrt());
                 let is_known = status != FootStatus::Bridged || swing.has_known_events(config);
                 let pose = swing_pose(*ns, &swing, [contact, after], &own, status);
                 pose.filter(|_| is_known).unwrap_or(FootPose {
@@ -113,6 +117,24 @@ pub fn foot_poses(
     }
     lost_poses(&mut poses, times_ns, next..times_ns.len(), &last);
     poses
+}
+
+/// Index of the height among the axes of a deviation.
+const UP: usize = 2;
+
+/// What the ground between two contacts adds to the height of a swing.
+fn clearance(
+    foot: &FootContacts<'_>,
+    swing: &Swing<'_>,
+    [from, to]: [&Contact; 2],
+    habit: &SwingHabit,
+) -> SwingClearance {
+    let times_s = SwingClearance::times_s([from.toe_off.time_s, to.heel_strike.time_s]);
+    let [a, b] = [from, to].map(|own| own.stance.world_from_foot.translation().z);
+    let deviations = swing.deviations(habit, &times_s).unwrap_or_default();
+    let shown = times_s.iter().zip(&deviations);
+    let shown = shown.filter_map(|(time_s, own)| placed(swing, *time_s, &own.map(|own| own[0])));
+    SwingClearance::new(times_s, shown, foot.sole, foot.ground, a.max(b))
 }
 
 fn is_observed(observations: &[FootObservation], time_ns: i64, config: &SwingConfig) -> bool {
@@ -146,12 +168,10 @@ fn swing_pose(
     status: FootStatus,
 ) -> Option<FootPose> {
     let time_s = seconds(time_ns);
-    let mean = swing.usual.at(time_s);
     let axes = swing.usual.axes();
-    let [x, y, z, a, b, c] = deviation.map(|[value, _]| value);
     let variance = deviation.map(|[_, variance]| variance);
-    let at = mean.translation() + axes * Vector3::new(x, y, z);
-    let rotation = mean.rotation() * UnitQuaternion::from_scaled_axis(Vector3::new(a, b, c));
+    let world_from_foot = placed(swing, time_s, &deviation.map(|[value, _]| value))?;
+    let rotation = world_from_foot.rotation();
     let [from_s, to_s] = [rest_s(from)[1], rest_s(to)[0]];
     let share = ((time_s - from_s) / (to_s - from_s).max(1e-3)).clamp(0.0, 1.0);
     let [begin, end] = [from, to].map(|contact| contact.stance.covariance.matrix());
@@ -168,10 +188,19 @@ fn swing_pose(
     }
     Some(FootPose {
         time_ns,
-        world_from_foot: pose(&rotation, &at)?,
+        world_from_foot,
         covariance: Some(crate::poses::covariance(&covariance)?),
         status,
     })
+}
+
+/// A foot that deviates from its usual motion.
+fn placed(swing: &Swing<'_>, time_s: f64, deviation: &[f64; 6]) -> Option<RigidTransform> {
+    let mean = swing.usual.at(time_s);
+    let [x, y, z, a, b, c] = *deviation;
+    let at = mean.translation() + swing.usual.axes() * Vector3::new(x, y, z);
+    let rotation = mean.rotation() * UnitQuaternion::from_scaled_axis(Vector3::new(a, b, c));
+    pose(&rotation, &at)
 }
 
 #[cfg(test)]

@@ -14,7 +14,7 @@ use ::feet::events::{Contact, Event};
 use ::feet::observation::causal_observations;
 use ::feet::shoe::Side;
 use ::feet::swing_habit::SwingHabit;
-use ::feet::track::{self, FootContacts, foot_poses};
+use ::feet::track::{self, FootContacts, GroundHeights, foot_poses};
 use ::feet::{ClockConfig, FootConfig, GaitConfig, JumpConfig, PlacementConfig, SlideConfig};
 use cad_transforms::rig::Foot;
 use scene_bundle::outputs::contacts::{ContactEvent, ContactView, FootContact};
@@ -56,7 +56,7 @@ impl Stage<Input> for FeetStage {
     }
 
     fn version(&self) -> u32 {
-        4
+        5
     }
 
     fn inputs(&self) -> &'static [&'static str] {
@@ -159,6 +159,11 @@ pub fn feet(
     let mut poses = Vec::with_capacity(2 * times.len());
     let mut causal = Vec::with_capacity(2 * times.len());
     if observed.iter().any(|own| !own.is_empty()) {
+        // The mesh is that of the trajectory with its jumps.
+        let heights = match continuous.has_jumps() {
+            true => GroundHeights::default(),
+            false => GroundHeights::new(ground.positions.iter().map(|own| own.map(f64::from))),
+        };
         let known = [0, 1].map(|k: usize| FootContacts {
             side: match Foot::ALL[k] {
                 Foot::Left => Side::Left,
@@ -167,6 +172,7 @@ pub fn feet(
             observations: &observed[k],
             contacts: &contacts[k],
             sole: soles[k],
+            ground: &heights,
         });
         // What a tag that slipped shows is not how feet swing.
         let sound = [0, 1].map(|k: usize| FootContacts {

@@ -66,7 +66,7 @@ pub(super) fn row(recording: &Recording) -> (Row, Errors) {
     let found = estimate(&observed, &heights);
     let count = recording.feet[0].len();
     let times: Vec<i64> = (0..count).map(|n| time_ns(recording, n)).collect();
-    let poses = poses(&observed, &found, [times.as_slice(); 2]);
+    let poses = poses(recording, &observed, &found, [times.as_slice(); 2]);
     let mut row = Row::default();
     let mut errors = Errors::default();
     let end_s = recording.begin_s + TRUTH_STEP_S * (recording.feet[0].len() - 1) as f64;
@@ -171,6 +171,7 @@ fn estimate(observed: &[Vec<FootObservation>; 2], heights: &RigHeights) -> [Vec<
 
 /// Poses of both feet at times.
 fn poses(
+    recording: &Recording,
     observed: &[Vec<FootObservation>; 2],
     contacts: &[Vec<Contact>; 2],
     times_ns: [&[i64]; 2],
@@ -181,6 +182,7 @@ fn poses(
         observations: &observed[k],
         contacts: &contacts[k],
         sole: SOLE,
+        ground: &recording.ground,
     });
     let habit = SwingHabit::learned(&feet, &config.swing);
     [0, 1].map(|k: usize| foot_poses(&feet[k], &habit, times_ns[k], &config.swing))
@@ -213,7 +215,12 @@ fn drop_swings(
         let times = hidden
             .each_ref()
             .map(|hidden| -> Vec<i64> { hidden.iter().map(|own| own.time_ns).collect() });
-        let poses = poses(&kept, &again, times.each_ref().map(Vec::as_slice));
+        let poses = poses(
+            recording,
+            &kept,
+            &again,
+            times.each_ref().map(Vec::as_slice),
+        );
         for (foot, poses) in poses.iter().enumerate() {
             let known = poses.iter().filter(|pose| pose.status != FootStatus::Lost);
             for pose in known {

@@ -6,6 +6,7 @@
 use std::path::Path;
 use std::sync::Arc;
 
+use super::ground::ground;
 use super::images::{self, Image};
 use super::walks::{FeetRig, SECONDS, Walk};
 use anyhow::{Context as _, Result};
@@ -15,6 +16,7 @@ use camera_models::Lens;
 use feet::Config;
 use feet::shoe::{Shoe, ShoeTag, Side as FootSide};
 use feet::tag_tracker::{Camera, Detection, Frame, RigState, TagTracker};
+use feet::track::GroundHeights;
 use fiducials::{Motion, Tag};
 use nalgebra::{UnitQuaternion, Vector3};
 use rig_sim::camera::Shutter;
@@ -38,6 +40,8 @@ pub(super) struct Recording {
     pub(super) contacts: [Vec<TrueContact>; 2],
     /// True poses from the beginning to the end of the recorded part.
     pub(super) feet: [Vec<TruePose>; 2],
+    /// Around these.
+    pub(super) ground: GroundHeights,
     /// Of the tag on each shoe.
     pub(super) foot_from_tag: [RigidTransform; 2],
 }
@@ -96,15 +100,20 @@ impl Recording {
         let shoes = shoes(&simulation)?;
         let camera = camera(&simulation, position);
         let mut tracker = TagTracker::new(shoes.clone(), vec![camera], Config::default());
+        let feet = [
+            true_poses(&simulation, 0, walk)?,
+            true_poses(&simulation, 1, walk)?,
+        ];
+        // A foot moves by some centimeters from one of these to the next.
+        let places = feet.iter().flat_map(|poses| poses.iter().step_by(4));
+        let places = places.map(|pose| pose.world_from_foot.translation_m());
         let mut recording = Self {
             begin_s: walk.begin_s,
+            ground: ground(&simulation, walk.seed, places),
             frames: Vec::new(),
             sightings: Vec::new(),
             contacts: [contacts(&simulation, 0)?, contacts(&simulation, 1)?],
-            feet: [
-                true_poses(&simulation, 0, walk)?,
-                true_poses(&simulation, 1, walk)?,
-            ],
+            feet,
             foot_from_tag: [0, 1].map(|k: usize| shoes[k].tags[0].foot_from_tag),
         };
         images::for_each(rig, walk, &simulation, position, kept, |image| {

@@ -34,6 +34,7 @@ mod tests {
 
     use super::*;
     use crate::contact::{Event, SoleEdges};
+    use crate::ground::GroundHeights;
     use crate::shoe::Side;
     use crate::stance::{FootObservation, Stance};
 
@@ -77,6 +78,7 @@ mod tests {
                 heel_m: 0.13,
                 toe_m: 0.15,
             },
+            ground: &GroundHeights::default(),
         };
         slides(&foot, &SlideConfig::default())
     }

@@ -2,6 +2,7 @@ use super::*;
 use crate::GaitConfig;
 use crate::contact::SoleEdges;
 use crate::events::{Event, FootStances, RigHeights, contacts};
+use crate::ground::GroundHeights;
 use crate::poses::motion;
 use crate::shoe::Side;
 use crate::stance::stances;
@@ -88,12 +89,14 @@ fn hidden_swings_are_bridged_with_honest_covariance() {
         observations: &observations,
         contacts: &contacts,
         sole: SOLE,
+        ground: &GroundHeights::default(),
     };
     let none = FootContacts {
         side: Side::Right,
         observations: &[],
         contacts: &[],
         sole: SOLE,
+        ground: &GroundHeights::default(),
     };
     let habit = SwingHabit::learned(&[foot, none], &config.swing);
     let times: Vec<i64> = (150..1000).map(|n| n * 10_000_000).collect();
@@ -158,6 +161,7 @@ fn a_foot_without_a_next_contact_is_lost() {
         observations: &observations,
         contacts: std::slice::from_ref(&contact),
         sole: SOLE,
+        ground: &GroundHeights::default(),
     };
     let times = [500_000_000, 1_300_000_000, 2_000_000_000];
     let config = GaitConfig::default().swing;
