@@ -45,7 +45,9 @@ pub(crate) fn recorded(
     variant: &str,
 ) -> Result<Vec<Recorded>> {
     let count = prepared.simulation.cameras().len();
-    let folder = folder(&format!("{}{variant}", prepared.walk.name()))?;
+    // The path depends on the length of the walk.
+    let end_s = prepared.walk.span_s[1];
+    let folder = folder(&format!("{}-{end_s}s{variant}", prepared.walk.name()))?;
     let path = |id: &KeyframeId| folder.join(format!("{}-{}.bin", id.camera, id.frame));
     if let Some(first) = ids.first() {
         let fresh = Renderer::new(prepared, first)?.render(first)?;

@@ -207,6 +207,26 @@ impl WalkViews {
         self.rendered(camera, frame, at, options, |_| pose)
     }
 
+    /// The image of a lens without distortion at a pose, without noise, with exact depth and the
+    /// exposure of a camera.
+    ///
+    /// # Errors
+    /// A pose that is not finite.
+    pub(crate) fn pinhole(
+        &self,
+        camera: usize,
+        model: CameraModel,
+        world_from_camera: &RigidTransform,
+    ) -> Result<TrainingView> {
+        let at = Camera::new(model, world_from_camera.inverse())?;
+        let pose = (
+            *world_from_camera.translation(),
+            *world_from_camera.rotation(),
+        );
+        let options = ViewOptions::STAGE;
+        Ok(self.rendered(camera, 0, at, &options, |_| pose)?.view)
+    }
+
     /// Camera, frame and pose of the left images of a part, in order of time.
     ///
     /// # Errors
@@ -306,7 +326,8 @@ impl WalkViews {
             seconds: of.median_s,
             gain: of.median_product_s / of.median_s,
         };
-        let mut renderer = self.prepared.simulation.view_renderer(&of.models[0], shutter);
+        let simulation = &self.prepared.simulation;
+        let mut renderer = simulation.view_renderer(camera.model(), shutter);
         let image = renderer.render(&pose, 0.0, &exposure);
         let mut view = TrainingView::new(camera, image.rgb.into_flattened(), 0);
         let finite = |depth: &f32| if depth.is_finite() { *depth } else { f32::NAN };
@@ -370,4 +391,61 @@ fn parts(prepared: &Prepared, all: &[Recorded]) -> Vec<Part> {
         });
     }
     parts
+}
+
+#[cfg(test)]
+mod tests {
+    use rig_sim::camera::Quality;
+    use rig_sim::scene::{Kind, Lighting};
+    use splats::TrainingView;
+
+    use super::*;
+    use crate::terrain::walks::Walk;
+
+    /// PSNR of an image against another one where both are usable, dB.
+    fn psnr_db(a: &TrainingView, b: &TrainingView) -> f64 {
+        let usable = |k: usize| a.mask.get(k / 3).copied().unwrap_or(true);
+        let pairs = a.rgb.iter().zip(&b.rgb).enumerate();
+        let squares = pairs.filter(|(k, _)| usable(*k));
+        let squares = squares.map(|(_, (a, b))| f64::from(a.abs_diff(*b)).powi(2));
+        let (sum, count) = squares.fold((0.0, 0), |(sum, count), s| (sum + s, count + 1));
+        10.0 * libm::log10(255.0 * 255.0 * f64::from(count) / sum)
+    }
+
+    #[test]
+    fn truth_is_what_was_recorded_without_noise() {
+        let walk = Walk {
+            kind: Kind::Pavement,
+            light: Lighting::Day,
+            seed: 909,
+            span_s: [3.0, 7.0],
+            size: [128, 72],
+        };
+        let views = WalkViews::load(walk.prepare().unwrap(), "-test").unwrap();
+        assert_eq!(
+            views.prepared.simulation.settings().quality,
+            Quality::ACCURATE
+        );
+        assert!(views.instants(Part::Validation) > 0 && views.instants(Part::Training) > 5);
+        let options = ViewOptions {
+            right_images: false,
+            ..ViewOptions::STAGE
+        };
+        let recorded = views.recorded(Part::Validation, &options).unwrap();
+        let truth = views.truth(Part::Validation, &options).unwrap();
+        assert_eq!(recorded.len(), truth.len());
+        for (recorded, truth) in recorded.iter().zip(&truth) {
+            let db = psnr_db(recorded, &truth.view);
+            assert!(db > 26.0, "camera {}: {db} dB", truth.camera);
+            let pairs = recorded.depth_m.iter().zip(&truth.view.depth_m);
+            let errors = pairs.filter(|(a, b)| a.is_finite() && b.is_finite());
+            let mut errors: Vec<f32> = errors.map(|(a, b)| (a - b).abs() / b).collect();
+            errors.sort_by(f32::total_cmp);
+            assert!(errors[errors.len() / 2] < 0.05, "{}", errors[errors.len() / 2]);
+        }
+        // A pose of its own gives the same image, but for the rolling shutter.
+        let (camera, frame, pose) = views.poses(Part::Validation).unwrap()[0];
+        let still = views.truth_at(camera, frame, &pose, &options).unwrap();
+        assert!(psnr_db(&still.view, &truth[0].view) > 30.0);
+    }
 }
