@@ -32,6 +32,8 @@ mod options;
 mod plain;
 pub(crate) mod recorded;
 mod settings;
+#[cfg(test)]
+mod tests;
 pub(crate) mod views;
 pub(crate) mod walks;
 

@@ -347,12 +347,7 @@ impl Scene {
     }
 
     /// Whether static geometry is nearer than `reach` lengths of `direction`.
-    pub fn is_hidden(
-        &self,
-        from: &Vector3<f64>,
-        direction: &Vector3<f64>,
-        reach: f64,
-    ) -> bool {
+    pub fn is_hidden(&self, from: &Vector3<f64>, direction: &Vector3<f64>, reach: f64) -> bool {
         self.solid.is_hidden(from, direction, reach)
     }
 

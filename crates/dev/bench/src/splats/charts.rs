@@ -159,7 +159,9 @@ fn settings(found: &Value) -> Chart {
         .y_axis(psnr_axis());
     walks_of(all).into_iter().fold(chart, |chart, walk| {
         let value = |case: &&str| {
-            let row = all.iter().find(|r| r["walk"] == walk && r["case"] == **case);
+            let row = all
+                .iter()
+                .find(|r| r["walk"] == walk && r["case"] == **case);
             row.map_or(f64::NAN, |row| number(row, "gaps.psnr_db"))
         };
         let points = cases.iter().enumerate();
@@ -190,7 +192,9 @@ fn failures(found: &Value) -> Chart {
         let points = own.iter().enumerate();
         let points = points.map(|(k, row)| ((k + 1) as f64, number(row, "gaps.psnr_db")));
         let start = std::iter::once((0.0, undamaged));
-        let labels = own.iter().map(|row| format!("{} {}", row["strength"], text(row, "unit")));
+        let labels = own
+            .iter()
+            .map(|row| format!("{} {}", row["strength"], text(row, "unit")));
         let labels = std::iter::once(String::new()).chain(labels);
         let series = Series::line(kind, start.chain(points));
         chart.series(series.labels(labels.collect::<Vec<String>>()))

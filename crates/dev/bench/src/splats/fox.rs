@@ -123,7 +123,11 @@ fn photos(folder: &Path) -> Result<Vec<TrainingView>> {
             let mut decoder = zune_jpeg::JpegDecoder::new(std::io::Cursor::new(bytes));
             let rgb = decoder.decode().context("decoding a JPEG file")?;
             let expected = 3 * size.0 as usize * size.1 as usize;
-            ensure!(rgb.len() == expected, "{} is of another size", path.display());
+            ensure!(
+                rgb.len() == expected,
+                "{} is of another size",
+                path.display()
+            );
             let camera = Camera::new(model, world_from_camera.inverse())?;
             Ok(TrainingView::new(camera, rgb, number as u32).reduced(REDUCTION)?)
         })
@@ -136,7 +140,11 @@ fn pose(matrix: &Value) -> Result<RigidTransform> {
     let mut rows = [0.0; 12];
     for row in 0..3 {
         for column in 0..4 {
-            let sign = if column == 1 || column == 2 { -1.0 } else { 1.0 };
+            let sign = if column == 1 || column == 2 {
+                -1.0
+            } else {
+                1.0
+            };
             rows[4 * row + column] = sign * at(row, column)?;
         }
     }

@@ -82,7 +82,11 @@ fn moved(
 ) -> Result<RigidTransform> {
     let turn = std::f64::consts::TAU * direction;
     let [x, y, z] = pose.translation_m();
-    let to = [x + offset_m * libm::cos(turn), y + offset_m * libm::sin(turn), z];
+    let to = [
+        x + offset_m * libm::cos(turn),
+        y + offset_m * libm::sin(turn),
+        z,
+    ];
     let angle = angle_deg.to_radians() * if side < 0.5 { -1.0 } else { 1.0 };
     let about = RigidTransform::from_rotation_vector([0.0, 0.0, angle], [0.0; 3])?;
     let at_origin = RigidTransform::from_translation_m([-x, -y, -z])? * *pose;

@@ -215,7 +215,10 @@ fn radius_m(views: &[TrainingView]) -> f32 {
     let centers: Vec<[f64; 3]> = centers.collect();
     let radius = [0, 1, 2].map(|k| {
         let mean = centers.iter().map(|c| c[k]).sum::<f64>() / centers.len() as f64;
-        centers.iter().map(|c| (c[k] - mean).abs()).fold(0.5, f64::max)
+        centers
+            .iter()
+            .map(|c| (c[k] - mean).abs())
+            .fold(0.5, f64::max)
     });
     radius.into_iter().fold(0.5, f64::max) as f32
 }

@@ -179,11 +179,16 @@ fn parse(id: &KeyframeId, [width, height]: [usize; 2], bytes: &[u8]) -> Result<R
     let rgb = [0, 1].map(|eye| shot.rgb(eye).into_flattened());
     let [depth, sigma] = [0, 1].map(|_| {
         let (units, _) = take(2 * pixels).as_chunks::<2>();
-        units.iter().map(|units| u16::from_le_bytes(*units)).collect()
+        units
+            .iter()
+            .map(|units| u16::from_le_bytes(*units))
+            .collect()
     });
     let is_person = [0, 1].map(|_| {
         let bits = take(pixels.div_ceil(8));
-        (0..pixels).map(|k| bits[k / 8] >> (k % 8) & 1 == 1).collect()
+        (0..pixels)
+            .map(|k| bits[k / 8] >> (k % 8) & 1 == 1)
+            .collect()
     });
     Ok(Recorded {
         id: *id,

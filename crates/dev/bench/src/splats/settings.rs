@@ -29,7 +29,11 @@ pub(crate) fn settings(exam: &Exam, preset: &str, steps: Option<usize>) -> Resul
         ..stage
     };
     add("left images only", &config, &left)?;
-    add("exposure unknown", &config, &exposure(KnownExposure::Nothing))?;
+    add(
+        "exposure unknown",
+        &config,
+        &exposure(KnownExposure::Nothing),
+    )?;
     add(
         "exposure and gain known across cameras",
         &config,

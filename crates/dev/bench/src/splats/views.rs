@@ -163,7 +163,11 @@ impl WalkViews {
         let eyes = 0..if options.right_images { 2 } else { 1 };
         let views: Result<Vec<Vec<TrainingView>>> = own
             .par_iter()
-            .map(|own| eyes.clone().map(|eye| self.view(own, eye, options)).collect())
+            .map(|own| {
+                eyes.clone()
+                    .map(|eye| self.view(own, eye, options))
+                    .collect()
+            })
             .collect();
         Ok(views?.into_iter().flatten().collect())
     }
@@ -179,7 +183,11 @@ impl WalkViews {
                 let id = own.recorded.id;
                 let camera = self.camera(id.camera, 0, id.time_ns)?;
                 self.rendered(id.camera, id.frame, camera, options, |time_s| {
-                    let rig = self.prepared.simulation.walker().rig(seconds(id.time_ns) + time_s);
+                    let rig = self
+                        .prepared
+                        .simulation
+                        .walker()
+                        .rig(seconds(id.time_ns) + time_s);
                     self.prepared.simulation.cameras()[id.camera].world_from_eye(0, &rig, None)
                 })
             })
@@ -270,12 +278,7 @@ impl WalkViews {
         Ok(camera.with_shutter(rows)?)
     }
 
-    fn view(
-        &self,
-        own: &WalkKeyframe,
-        eye: usize,
-        options: &ViewOptions,
-    ) -> Result<TrainingView> {
+    fn view(&self, own: &WalkKeyframe, eye: usize, options: &ViewOptions) -> Result<TrainingView> {
         let id = own.recorded.id;
         let of = &self.cameras[id.camera];
         let camera = self.camera(id.camera, eye, id.time_ns)?;
@@ -300,9 +303,7 @@ impl WalkViews {
         let ratio = match known {
             KnownExposure::Nothing => 1.0,
             KnownExposure::Time => of.seconds / self.cameras[camera].median_s,
-            KnownExposure::TimeAndGain => {
-                of.seconds * of.gain / self.cameras[0].median_product_s
-            }
+            KnownExposure::TimeAndGain => of.seconds * of.gain / self.cameras[0].median_product_s,
         };
         let log = libm::log(ratio) / GAMMA;
         splats::Exposure::from_log_gain([log as f32; 3])
@@ -375,7 +376,11 @@ fn parts(prepared: &Prepared, all: &[Recorded]) -> Vec<Part> {
         if last.is_some_and(|(frame, _)| frame == own.id.frame) {
             continue;
         }
-        let position = prepared.simulation.walker().rig(seconds(own.id.time_ns)).position;
+        let position = prepared
+            .simulation
+            .walker()
+            .rig(seconds(own.id.time_ns))
+            .position;
         path_m += last.map_or(0.0, |(_, before)| (position - before).norm());
         last = Some((own.id.frame, position));
         // In the middle of each period: there are training images before the first gap.
@@ -391,61 +396,4 @@ fn parts(prepared: &Prepared, all: &[Recorded]) -> Vec<Part> {
         });
     }
     parts
-}
-
-#[cfg(test)]
-mod tests {
-    use rig_sim::camera::Quality;
-    use rig_sim::scene::{Kind, Lighting};
-    use splats::TrainingView;
-
-    use super::*;
-    use crate::terrain::walks::Walk;
-
-    /// PSNR of an image against another one where both are usable, dB.
-    fn psnr_db(a: &TrainingView, b: &TrainingView) -> f64 {
-        let usable = |k: usize| a.mask.get(k / 3).copied().unwrap_or(true);
-        let pairs = a.rgb.iter().zip(&b.rgb).enumerate();
-        let squares = pairs.filter(|(k, _)| usable(*k));
-        let squares = squares.map(|(_, (a, b))| f64::from(a.abs_diff(*b)).powi(2));
-        let (sum, count) = squares.fold((0.0, 0), |(sum, count), s| (sum + s, count + 1));
-        10.0 * libm::log10(255.0 * 255.0 * f64::from(count) / sum)
-    }
-
-    #[test]
-    fn truth_is_what_was_recorded_without_noise() {
-        let walk = Walk {
-            kind: Kind::Pavement,
-            light: Lighting::Day,
-            seed: 909,
-            span_s: [3.0, 7.0],
-            size: [128, 72],
-        };
-        let views = WalkViews::load(walk.prepare().unwrap(), "-test").unwrap();
-        assert_eq!(
-            views.prepared.simulation.settings().quality,
-            Quality::ACCURATE
-        );
-        assert!(views.instants(Part::Validation) > 0 && views.instants(Part::Training) > 5);
-        let options = ViewOptions {
-            right_images: false,
-            ..ViewOptions::STAGE
-        };
-        let recorded = views.recorded(Part::Validation, &options).unwrap();
-        let truth = views.truth(Part::Validation, &options).unwrap();
-        assert_eq!(recorded.len(), truth.len());
-        for (recorded, truth) in recorded.iter().zip(&truth) {
-            let db = psnr_db(recorded, &truth.view);
-            assert!(db > 26.0, "camera {}: {db} dB", truth.camera);
-            let pairs = recorded.depth_m.iter().zip(&truth.view.depth_m);
-            let errors = pairs.filter(|(a, b)| a.is_finite() && b.is_finite());
-            let mut errors: Vec<f32> = errors.map(|(a, b)| (a - b).abs() / b).collect();
-            errors.sort_by(f32::total_cmp);
-            assert!(errors[errors.len() / 2] < 0.05, "{}", errors[errors.len() / 2]);
-        }
-        // A pose of its own gives the same image, but for the rolling shutter.
-        let (camera, frame, pose) = views.poses(Part::Validation).unwrap()[0];
-        let still = views.truth_at(camera, frame, &pose, &options).unwrap();
-        assert!(psnr_db(&still.view, &truth[0].view) > 30.0);
-    }
 }

@@ -36,10 +36,7 @@ pub(super) struct Progress {
 ///
 /// # Errors
 /// Those of the discs and of the sky.
-pub fn start(
-    views: &[TrainingView],
-    config: &SplatsConfig,
-) -> Result<Option<Scene>, SplatError> {
+pub fn start(views: &[TrainingView], config: &SplatsConfig) -> Result<Option<Scene>, SplatError> {
     let points = points_from_views(views, &config.start);
     if points.is_empty() {
         return Ok(None);
