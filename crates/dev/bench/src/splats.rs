@@ -132,7 +132,7 @@ fn rows(part: &str, walk: Option<Walk>, options: &Options) -> Result<Option<Vec<
         }
         _ => {
             let views = WalkViews::load(walk.prepare()?, "")?;
-            match plain::plain(&views, PLAIN_STEPS)? {
+            match plain::plain(&views, steps.unwrap_or(PLAIN_STEPS))? {
                 Some(row) => vec![row],
                 None => return Ok(None),
             }

@@ -14,7 +14,7 @@ use rayon::prelude::*;
 use reconstruction::pipeline::stages::splats::SplatsConfig;
 use rig_sim::random;
 use serde_json::{Value, json};
-use splats::{Background, Camera, Scene, Sky, StartPoint, TrainingView, splats_from_points};
+use splats::{Background, Camera, Plane, Scene, Sky, StartPoint, TrainingView, splats_from_points};
 
 use super::exam::scores;
 use super::fit;
@@ -25,6 +25,8 @@ const HELD_OUT: usize = 8;
 /// Factor by which the photos of 1080x1920 are reduced.
 const REDUCTION: u32 = 4;
 const POINTS: usize = 20_000;
+/// Opacity at the start, as a logit: 0.1, so that light passes through empty space.
+const OPACITY_LOGIT: f32 = -2.197;
 const SEED: u64 = 5;
 const STREAM: u64 = 0xe2;
 
@@ -178,8 +180,10 @@ fn start(views: &[TrainingView]) -> Result<Scene> {
         }
     };
     let points: Vec<StartPoint> = (0..POINTS).map(point).collect();
+    let mut splats = splats_from_points(&points)?;
+    splats.planes_mut()[Plane::OPACITY].fill(OPACITY_LOGIT);
     Ok(Scene {
-        splats: splats_from_points(&points)?,
+        splats,
         background: Background::Sky(Sky::uniform(32, [0.5; 3])?),
     })
 }

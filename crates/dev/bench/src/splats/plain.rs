@@ -26,7 +26,8 @@ const GAUSSIANS: usize = 4000;
 /// Most training and test views.
 const TRAINING: usize = 40;
 const TESTS: usize = 8;
-const THREADS: usize = 2;
+/// One: waiting threads of PyTorch count as processor time beside other load.
+const THREADS: usize = 1;
 const VARIABLE: &str = "PAWS_TORCH_PYTHON";
 /// Where Debian's package `python3-torch` is.
 const SYSTEM: &str = "/usr/bin/python3";

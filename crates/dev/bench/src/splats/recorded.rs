@@ -65,8 +65,12 @@ pub(crate) fn recorded(
         // Automatic exposure continues from one keyframe to the next.
         let mut renderer = Renderer::new(prepared, first)?;
         own.iter().try_for_each(|id| {
+            // Another run reads whole files only.
             let path = path(id);
-            fs::write(&path, renderer.render(id)?)
+            let partial = path.with_extension(format!("{}.tmp", std::process::id()));
+            let bytes = renderer.render(id)?;
+            fs::write(&partial, bytes)
+                .and_then(|()| fs::rename(&partial, &path))
                 .with_context(|| format!("writing {}", path.display()))
         })
     })?;
