@@ -43,11 +43,9 @@ fn truth_is_what_was_recorded_without_noise() {
         let errors = pairs.filter(|(a, b)| a.is_finite() && b.is_finite());
         let mut errors: Vec<f32> = errors.map(|(a, b)| (a - b).abs() / b).collect();
         errors.sort_by(f32::total_cmp);
-        assert!(
-            errors[errors.len() / 2] < 0.05,
-            "{}",
-            errors[errors.len() / 2]
-        );
+        // At 128 columns a twentieth of a pixel of disparity is a tenth of 5 m.
+        let median = errors[errors.len() / 2];
+        assert!(median < 0.2, "camera {}: {median}", truth.camera);
     }
     // A pose of its own gives the same image, but for the rolling shutter.
     let (camera, frame, pose) = views.poses(Part::Validation).unwrap()[0];
