@@ -26,7 +26,7 @@ struct Kind {
     name: &'static str,
     unit: &'static str,
     strengths: &'static [f64],
-    damage: fn(&mut Vec<TrainingView>, f64) -> Result<()>,
+    damage: fn(Vec<TrainingView>, f64) -> Result<Vec<TrainingView>>,
 }
 
 const KINDS: [Kind; 6] = [
@@ -91,8 +91,7 @@ pub(crate) fn failures(exam: &Exam, preset: &str, steps: Option<usize>) -> Resul
     add("none", "", 0.0, training.clone())?;
     for kind in &KINDS {
         for strength in kind.strengths {
-            let mut views = training.clone();
-            (kind.damage)(&mut views, *strength)?;
+            let views = (kind.damage)(training.clone(), *strength)?;
             add(kind.name, kind.unit, *strength, views)?;
         }
     }
@@ -146,8 +145,8 @@ fn group(view: &TrainingView) -> u64 {
     u64::from(view.exposure_group)
 }
 
-fn pose_noise(views: &mut Vec<TrainingView>, sigma_cm: f64) -> Result<()> {
-    for view in views {
+fn pose_noise(mut views: Vec<TrainingView>, sigma_cm: f64) -> Result<Vec<TrainingView>> {
+    for view in &mut views {
         let draw = |k: u64| random::bell(SEED, STREAM, 8 * group(view) + k);
         let position = [0, 1, 2].map(|k| 0.01 * sigma_cm * draw(k));
         let rotation = [3, 4, 5].map(|k| (sigma_cm * DEG_PER_CM).to_radians() * draw(k));
@@ -155,51 +154,51 @@ fn pose_noise(views: &mut Vec<TrainingView>, sigma_cm: f64) -> Result<()> {
         let pose = motion * *view.camera.camera_from_world();
         view.camera = view.camera.clone().with_pose(pose);
     }
-    Ok(())
+    Ok(views)
 }
 
 /// Unknown gains, independent from frame to frame.
-fn exposure_jumps(views: &mut Vec<TrainingView>, sigma: f64) -> Result<()> {
-    for view in views {
+fn exposure_jumps(mut views: Vec<TrainingView>, sigma: f64) -> Result<Vec<TrainingView>> {
+    for view in &mut views {
         let log = sigma * random::bell(SEED, STREAM + 1, group(view));
         let factor = libm::exp(log / GAMMA);
         for value in &mut view.rgb {
             *value = (f64::from(*value) * factor + 0.5) as u8;
         }
     }
-    Ok(())
+    Ok(views)
 }
 
-fn few_views(views: &mut Vec<TrainingView>, every: f64) -> Result<()> {
+fn few_views(mut views: Vec<TrainingView>, every: f64) -> Result<Vec<TrainingView>> {
     let every = every as u32;
     views.retain(|view| view.instant % every == 0);
-    Ok(())
+    Ok(views)
 }
 
-fn depth_scale(views: &mut Vec<TrainingView>, percent: f64) -> Result<()> {
-    for view in views {
+fn depth_scale(mut views: Vec<TrainingView>, percent: f64) -> Result<Vec<TrainingView>> {
+    for view in &mut views {
         let factor = (1.0 + 0.01 * percent) as f32;
         view.depth_m.iter_mut().for_each(|z| *z *= factor);
         view.depth_sigma_m.iter_mut().for_each(|s| *s *= factor);
     }
-    Ok(())
+    Ok(views)
 }
 
 fn is_chosen(view: &TrainingView, percent: f64) -> bool {
     100.0 * random::uniform(SEED, STREAM + 2, group(view)) < percent
 }
 
-fn no_depth(views: &mut Vec<TrainingView>, percent: f64) -> Result<()> {
+fn no_depth(mut views: Vec<TrainingView>, percent: f64) -> Result<Vec<TrainingView>> {
     for view in views.iter_mut().filter(|view| is_chosen(view, percent)) {
         view.depth_m.clear();
         view.depth_sigma_m.clear();
     }
-    Ok(())
+    Ok(views)
 }
 
-fn no_mask(views: &mut Vec<TrainingView>, percent: f64) -> Result<()> {
+fn no_mask(mut views: Vec<TrainingView>, percent: f64) -> Result<Vec<TrainingView>> {
     for view in views.iter_mut().filter(|view| is_chosen(view, percent)) {
         view.mask.clear();
     }
-    Ok(())
+    Ok(views)
 }

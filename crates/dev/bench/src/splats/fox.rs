@@ -43,7 +43,7 @@ pub(crate) fn fox(presets: &[String], steps: Option<usize>) -> Result<Option<Vec
         }
     };
     let views = photos(&folder)?;
-    let is_held_out = |number: &usize| number % HELD_OUT == 0;
+    let is_held_out = |number: &usize| number.is_multiple_of(HELD_OUT);
     let part = |held_out: bool| -> Vec<TrainingView> {
         let numbers = (0..views.len()).filter(|number| is_held_out(number) == held_out);
         numbers.map(|number| views[number].clone()).collect()
