@@ -102,7 +102,7 @@ fn time(found: &Value) -> Chart {
 }
 
 fn off_path(found: &Value) -> Chart {
-    let chart = Chart::new("Views away from the path, not turned")
+    let chart = Chart::new("Views away from the path, not rotated")
         .subtitle(&run_of(found))
         .x_axis(Axis::log("distance from the pose of a training image", "m"))
         .y_axis(psnr_axis());

@@ -1,7 +1,8 @@
 //! Keyframes of a walk as a session has them: both images, stereo depth, masks of people.
 //!
-//! They are kept in `bench-splats` in the target folder. The first keyframe of a walk is rendered in
-//! every run; if it is not the stored one, the simulator has changed, and all are rendered again.
+//! They are kept in `bench-splats` in the target folder. The first keyframe of a walk is rendered
+//! in every run; if it is not the stored one, the simulator has changed, and all are rendered
+//! again.
 
 use std::fs;
 use std::path::{Path, PathBuf};

@@ -3,8 +3,8 @@
 //!
 //! Poses are true, and so are the masks of people and of the wearer. Instants are apart by the
 //! spacing of keyframes of the preset `balanced`. They are in three parts: *gaps*, 2 m in every
-//! 20 m of the path, of which no image trains or chooses anything; *validation*, every eighth one of
-//! the others, which decides the number of Gaussians as in the stage; and *training*.
+//! 20 m of the path, of which no image trains or chooses anything; *validation*, every eighth one
+//! of the others, which decides the number of Gaussians as in the stage; and *training*.
 //!
 //! Truth is of the static scene, without noise, motion blur, flare and people, at the median
 //! exposure of the camera; depth is exact.
