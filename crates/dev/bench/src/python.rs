@@ -46,10 +46,18 @@ pub(crate) fn ask(script: &str, question: &Value) -> Result<Value> {
 /// # Errors
 /// It does not start, fails, or answers in no JSON.
 pub(crate) fn ask_in(variable: &str, script: &str, question: &Value) -> Result<Value> {
+    ask_with(interpreter_in(variable)?, script, question)
+}
+
+/// The same with an interpreter.
+///
+/// # Errors
+/// It does not start, fails, or answers in no JSON.
+pub(crate) fn ask_with(interpreter: OsString, script: &str, question: &Value) -> Result<Value> {
     let path = Path::new(env!("CARGO_MANIFEST_DIR"))
         .join("src")
         .join(script);
-    let mut child = Command::new(interpreter_in(variable)?)
+    let mut child = Command::new(interpreter)
         .arg(path)
         .stdin(Stdio::piped())
         .stdout(Stdio::piped())

@@ -7,52 +7,72 @@
 //!
 //! 1. `walks`: held-out instants, gaps of 2 m in every 20 m and views off the path, of each walk
 //!    and preset.
+//! 2. `settings`: what poses and exposures, right images and depth are worth, at equal steps.
+//! 3. `counts`: PSNR over the number of Gaussians.
+//! 4. `failures`: damaged views at rising strength.
+//! 5. `plain`: beside a plain PyTorch trainer.
+//! 6. `fox`: photos of the shared data.
+//!
+//! Beside times stand processor times of all threads, which other load of the machine changes less.
 
 use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
-use anyhow::{Context, Result, bail, ensure};
+use anyhow::{Context, Result};
 use serde_json::{Map, Value, json};
-use splats::{Evaluation, TrainingView};
 
+mod charts;
+mod counts;
+mod exam;
+mod failures;
 mod fit;
+mod fox;
 pub(crate) mod off_path;
+mod options;
+mod plain;
 pub(crate) mod recorded;
+mod settings;
+#[cfg(test)]
+mod tests;
 pub(crate) mod views;
 pub(crate) mod walks;
 
-use fit::{Fit, config, evaluate};
-use off_path::off_path;
-use views::{Part, ViewOptions, WalkViews};
-use walks::{Extent, short_name};
+use exam::Exam;
+use options::Options;
+use views::{ViewOptions, WalkViews};
 
 use crate::stamp;
-use crate::terrain::walks::{SMALL, Walk};
+use crate::terrain::walks::Walk;
 
-const PARTS: [&str; 1] = ["walks"];
-/// Views off the path for each offset and angle, and their seed.
-const OFF_PATH_VIEWS: usize = 4;
-const OFF_PATH_SEED: u64 = 17;
-/// Points of a curve over time.
-const CURVE_POINTS: usize = 7;
+/// Steps beside the plain trainer, which is slow.
+const PLAIN_STEPS: usize = 100;
 
 /// Runs the benchmark: `[--quick] [--only PART,...] [--walks NAME,...] [--presets NAME,...]
 /// [--steps N] [--seconds S] [--half] [--out DIR]`.
 ///
 /// # Errors
-/// Bad arguments, or an I/O error. A missed goal is a result and no error.
+/// Bad arguments, or an I/O error. A missed goal is a result and no error; a missing peer or data
+/// set is left out with a printed reason.
 pub(crate) fn run(args: &[String]) -> Result<()> {
     let options = Options::parse(args)?;
     fs::create_dir_all(&options.out)
         .with_context(|| format!("making {}", options.out.display()))?;
-    let stamp = stamp::stamp("splats", args)?;
+    let mut stamp = stamp::stamp("splats", args)?;
+    stamp["command"] = format!("cargo xtask bench splats {}", arguments(args)).into();
     // Results of other parts are kept.
     let path = options.out.join("splats.json");
     let mut report = read(&path)?;
     for part in &options.parts {
-        for walk in walks::walks(&options.walks, options.extent)? {
-            let rows = match part.as_str() {
-                _ => presets(walk, &options)?,
+        let walks = match part.as_str() {
+            "fox" => vec![None],
+            _ => walks::walks(&options.walks(part), options.extent)?
+                .into_iter()
+                .map(Some)
+                .collect(),
+        };
+        for walk in walks {
+            let Some(rows) = rows(part, walk, &options)? else {
+                continue;
             };
             for row in &rows {
                 println!("{row}");
@@ -62,145 +82,83 @@ pub(crate) fn run(args: &[String]) -> Result<()> {
             fs::write(&path, text).with_context(|| format!("writing {}", path.display()))?;
         }
     }
+    for (name, svg) in charts::draw(&report) {
+        let path = options.out.join(name);
+        fs::write(&path, svg).with_context(|| format!("writing {}", path.display()))?;
+    }
     Ok(())
 }
 
-/// Rows of one walk, a preset each.
-fn presets(walk: Walk, options: &Options) -> Result<Vec<Value>> {
-    let views = WalkViews::load(walk.prepare()?, "")?;
-    let tests = Tests::new(&views, options)?;
-    let mut rows = Vec::new();
-    for preset in &options.presets {
-        let config = config(preset, options.steps)?;
-        let stage = ViewOptions {
-            reduction: config.reduction,
-            ..ViewOptions::STAGE
-        };
-        let training = views.recorded(Part::Training, &stage)?;
-        let validation = views.recorded(Part::Validation, &stage)?;
-        let count = training.len();
-        let fit = fit::fit(training, &validation, &config, (&tests.gaps, CURVE_POINTS))?;
-        let mut row = row(walk, preset, &fit, count);
-        row["recorded"] = scores(&evaluate(&fit.scene, &validation, &config)?);
-        tests.add_scores(&mut row, &fit, &config)?;
-        rows.push(row);
+/// Arguments without the output folder, which is a path of this machine.
+fn arguments(args: &[String]) -> String {
+    let mut kept: Vec<&str> = Vec::new();
+    let mut rest = args.iter();
+    while let Some(argument) = rest.next() {
+        match argument.as_str() {
+            "--out" => drop(rest.next()),
+            other => kept.push(other),
+        }
     }
-    Ok(rows)
+    kept.join(" ")
 }
 
-/// What a training was and took.
-fn row(walk: Walk, preset: &str, fit: &Fit, training_views: usize) -> Value {
-    let curve = fit.curve.iter().map(|point| {
-        json!({
-            "step": point.step,
-            "cpu_s": point.cpu_s,
-            "gaussians": point.splats,
-            "psnr_db": point.psnr_db,
-        })
-    });
-    let checks = fit.checks.iter().map(|check| {
-        json!({
-            "step": check.step,
-            "gaussians": check.splats,
-            "psnr_db": check.psnr_db,
-            "gain_db": check.gain_db,
-            "continues": check.continues,
-        })
-    });
-    json!({
-        "walk": short_name(walk.kind, walk.light),
-        "size": walk.size,
-        "seconds": walk.span_s[1] - walk.span_s[0],
-        "preset": preset,
-        "views": training_views,
-        "start": fit.start_count,
-        "gaussians": fit.scene.splats.len(),
-        "steps": fit.curve.last().map(|point| point.step),
-        "steps_with_checks": fit.steps,
-        "cpu_s": fit.timing.cpu_s,
-        "wall_s": fit.timing.wall_s,
-        "steps_per_cpu_s": fit.steps as f64 / fit.timing.cpu_s,
-        "curve": curve.collect::<Vec<Value>>(),
-        "checks": checks.collect::<Vec<Value>>(),
-    })
-}
-
-fn scores(of: &Evaluation) -> Value {
-    json!({
-        "views": of.psnr_db.len(),
-        "psnr_db": of.mean_psnr_db(),
-        "worst_db": of.worst_psnr_db(),
-        "ssim": of.mean_ssim(),
-        "depth_error": of.depth_error,
-    })
-}
-
-/// Test views of a walk.
-struct Tests {
-    instants: Vec<TrainingView>,
-    gaps: Vec<TrainingView>,
-    off_path: Vec<off_path::OffPathView>,
-}
-
-impl Tests {
-    fn new(views: &WalkViews, options: &Options) -> Result<Self> {
-        let full = ViewOptions::STAGE;
-        let plain = |part| -> Result<Vec<TrainingView>> {
-            let truth = views.truth(part, &full)?;
-            Ok(truth.into_iter().map(|test| test.view).collect())
-        };
-        let count = if options.quick { 1 } else { OFF_PATH_VIEWS };
-        Ok(Self {
-            instants: plain(Part::Validation)?,
-            gaps: plain(Part::Gap)?,
-            off_path: off_path(views, count, OFF_PATH_SEED, &full)?,
-        })
-    }
-
-    fn add_scores(
-        &self,
-        row: &mut Value,
-        fit: &Fit,
-        config: &reconstruction::pipeline::stages::splats::SplatsConfig,
-    ) -> Result<()> {
-        row["instants"] = scores(&evaluate(&fit.scene, &self.instants, config)?);
-        row["gaps"] = scores(&evaluate(&fit.scene, &self.gaps, config)?);
-        let mut off_path = Vec::new();
-        for offset_m in off_path::OFFSETS_M {
-            for angle_deg in off_path::ANGLES_DEG {
-                let own = self.off_path.iter();
-                let own = own.filter(|v| v.offset_m == offset_m && v.angle_deg == angle_deg);
-                let own: Vec<TrainingView> = own.map(|v| v.test.view.clone()).collect();
-                if own.is_empty() {
-                    continue;
-                }
-                let mut entry = scores(&evaluate(&fit.scene, &own, config)?);
-                entry["offset_m"] = offset_m.into();
-                entry["angle_deg"] = angle_deg.into();
-                off_path.push(entry);
+/// Rows of a part on a walk; `None`, with a printed reason, where something is missing.
+fn rows(part: &str, walk: Option<Walk>, options: &Options) -> Result<Option<Vec<Value>>> {
+    let Some(walk) = walk else {
+        return fox::fox(&options.presets, options.steps);
+    };
+    let (presets, steps) = (&options.presets, options.steps);
+    let preset = presets.first().map_or("balanced", String::as_str);
+    let exam = |off_path_views| Exam::new(walk.prepare()?, "", off_path_views);
+    Ok(Some(match part {
+        "walks" => {
+            let exam = exam(options.off_path_views)?;
+            let row = |preset: &String| {
+                let config = fit::config(preset, steps)?;
+                let stage = ViewOptions {
+                    reduction: config.reduction,
+                    ..ViewOptions::STAGE
+                };
+                exam.run("", preset, &config, &stage)
+            };
+            presets.iter().map(row).collect::<Result<_>>()?
+        }
+        "settings" => settings::settings(&exam(0)?, preset, steps)?,
+        "counts" => counts::counts(&exam(0)?, preset, steps)?,
+        "failures" => {
+            let mut rows = failures::failures(&exam(0)?, preset, steps)?;
+            rows.extend(failures::blur(walk, preset, steps)?);
+            rows
+        }
+        _ => {
+            let views = WalkViews::load(walk.prepare()?, "")?;
+            match plain::plain(&views, steps.unwrap_or(PLAIN_STEPS))? {
+                Some(row) => vec![row],
+                None => return Ok(None),
             }
         }
-        row["off_path"] = off_path.into();
-        Ok(())
-    }
+    }))
 }
 
-/// Adds rows of one walk, with their source; those of others, and of other presets, remain.
+/// Adds rows, with their source; those of other cases remain.
 fn add_rows(report: &mut Map<String, Value>, part: &str, mut rows: Vec<Value>, stamp: &Value) {
     for row in &mut rows {
         row["source"] = stamp::source(stamp).into();
+        row["command"] = stamp["command"].clone();
     }
     let old = report
         .get(part)
         .map_or(&Value::Null, |entry| &entry["rows"]);
     let old = old.as_array().map_or(&[][..], Vec::as_slice);
-    let key = |row: &Value| ["walk", "size", "preset", "steps", "case"].map(|k| row[k].clone());
+    let key = |row: &Value| {
+        ["walk", "size", "seconds", "preset", "steps", "case"].map(|k| row[k].clone())
+    };
     let is_other = |own: &&Value| rows.iter().all(|row| key(row) != key(own));
     let mut all: Vec<Value> = old.iter().filter(is_other).cloned().collect();
     all.append(&mut rows);
     let place = |row: &Value| {
         let mut all = walks::WALKS.iter();
-        all.position(|(kind, light, _)| row["walk"] == short_name(*kind, *light))
+        all.position(|(kind, light, _)| row["walk"] == walks::short_name(*kind, *light))
     };
     all.sort_by_key(place);
     report.insert(part.to_owned(), json!({ "stamp": stamp, "rows": all }));
@@ -212,68 +170,4 @@ fn read(path: &Path) -> Result<Map<String, Value>> {
     }
     let text = fs::read_to_string(path).with_context(|| format!("reading {}", path.display()))?;
     serde_json::from_str(&text).with_context(|| format!("reading {}", path.display()))
-}
-
-struct Options {
-    quick: bool,
-    out: PathBuf,
-    parts: Vec<String>,
-    /// Short names of the walks to run; empty for all.
-    walks: Vec<String>,
-    presets: Vec<String>,
-    /// Number of steps in place of the presets'.
-    steps: Option<usize>,
-    extent: Extent,
-}
-
-impl Options {
-    fn parse(args: &[String]) -> Result<Self> {
-        let mut parsed = Self {
-            quick: false,
-            out: PathBuf::from("docs/benchmarks"),
-            parts: PARTS.map(str::to_owned).to_vec(),
-            walks: Vec::new(),
-            presets: vec!["balanced".to_owned()],
-            steps: None,
-            extent: Extent::WHOLE,
-        };
-        let mut rest = args.iter();
-        while let Some(argument) = rest.next() {
-            let mut value = || {
-                rest.next()
-                    .with_context(|| format!("{argument} needs a value"))
-            };
-            let list = |text: &String| text.split(',').map(str::to_owned).collect();
-            match argument.as_str() {
-                "--quick" => parsed.quick = true,
-                "--half" => parsed.extent.size = SMALL.map(|edge| edge / 2),
-                "--out" => parsed.out = value()?.into(),
-                "--walks" => parsed.walks = list(value()?),
-                "--preset" | "--presets" => parsed.presets = list(value()?),
-                "--steps" => parsed.steps = Some(value()?.parse().context("reading --steps")?),
-                "--seconds" => {
-                    parsed.extent.seconds = value()?.parse().context("reading --seconds")?;
-                }
-                "--only" => {
-                    parsed.parts = list(value()?);
-                    let known = |part: &String| PARTS.contains(&part.as_str());
-                    ensure!(
-                        parsed.parts.iter().all(known),
-                        "--only takes {}",
-                        PARTS.join(", ")
-                    );
-                }
-                other => bail!(
-                    "unknown argument {other:?}, expected --quick, --only, --walks, --presets, \
-                     --steps, --seconds, --half or --out"
-                ),
-            }
-        }
-        if parsed.quick {
-            parsed.extent.seconds = 12.0;
-            parsed.steps = parsed.steps.or(Some(300));
-            parsed.presets = vec!["fast".to_owned()];
-        }
-        Ok(parsed)
-    }
 }

@@ -519,7 +519,7 @@ impl Simulation {
 
     /// A camera for images of the static scene from any pose; an even number of columns and rows.
     pub fn view_renderer(&self, model: &CameraModel, shutter: Shutter) -> ViewRenderer<'_> {
-        ViewRenderer::new(self, model, shutter)
+        ViewRenderer::new(self.scene(), self.imaging.sensor(0), model, shutter)
     }
 
     /// All samples of an IMU in order, each with its index and its time, ns.

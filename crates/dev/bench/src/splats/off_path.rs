@@ -1,5 +1,5 @@
-//! Views away from the path: a camera of a training instant moved and turned, where nothing is in
-//! its way.
+//! Views away from the path: a camera of a training instant, moved and rotated to where free space
+//! connects both poses.
 
 use anyhow::Result;
 use cad_transforms::RigidTransform;
@@ -27,7 +27,7 @@ pub(crate) struct OffPathView {
     pub(crate) angle_deg: f64,
 }
 
-/// Views of each offset and angle, `count` of each at most: fewer where everything is in the way.
+/// Views of each offset and angle, `count` of each at most: fewer where there is no space.
 ///
 /// # Errors
 /// A pose that is not finite.
@@ -73,7 +73,7 @@ pub(crate) fn off_path(
     Ok(found?.into_iter().flatten().collect())
 }
 
-/// Moved in a horizontal direction and turned about the vertical.
+/// Moved in a horizontal direction and rotated about the vertical.
 fn moved(
     pose: &RigidTransform,
     offset_m: f64,

@@ -1,7 +1,8 @@
 //! Keyframes of a walk as a session has them: both images, stereo depth, masks of people.
 //!
-//! They are kept in `bench-splats` in the target folder. The first keyframe of a walk is rendered in
-//! every run; if it is not the stored one, the simulator has changed, and all are rendered again.
+//! They are kept in `bench-splats` in the target folder. The first keyframe of a walk is rendered
+//! in every run; if it is not the stored one, the simulator has changed, and all are rendered
+//! again.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -45,7 +46,9 @@ pub(crate) fn recorded(
     variant: &str,
 ) -> Result<Vec<Recorded>> {
     let count = prepared.simulation.cameras().len();
-    let folder = folder(&format!("{}{variant}", prepared.walk.name()))?;
+    // The path depends on the length of the walk.
+    let end_s = prepared.walk.span_s[1];
+    let folder = folder(&format!("{}-{end_s}s{variant}", prepared.walk.name()))?;
     let path = |id: &KeyframeId| folder.join(format!("{}-{}.bin", id.camera, id.frame));
     if let Some(first) = ids.first() {
         let fresh = Renderer::new(prepared, first)?.render(first)?;
@@ -63,8 +66,12 @@ pub(crate) fn recorded(
         // Automatic exposure continues from one keyframe to the next.
         let mut renderer = Renderer::new(prepared, first)?;
         own.iter().try_for_each(|id| {
+            // Another run reads whole files only.
             let path = path(id);
-            fs::write(&path, renderer.render(id)?)
+            let partial = path.with_extension(format!("{}.tmp", std::process::id()));
+            let bytes = renderer.render(id)?;
+            fs::write(&partial, bytes)
+                .and_then(|()| fs::rename(&partial, &path))
                 .with_context(|| format!("writing {}", path.display()))
         })
     })?;

@@ -3,8 +3,8 @@
 //!
 //! Poses are true, and so are the masks of people and of the wearer. Instants are apart by the
 //! spacing of keyframes of the preset `balanced`. They are in three parts: *gaps*, 2 m in every
-//! 20 m of the path, of which no image trains or chooses anything; *validation*, every eighth one of
-//! the others, which decides the number of Gaussians as in the stage; and *training*.
+//! 20 m of the path, of which no image trains or chooses anything; *validation*, every eighth one
+//! of the others, which decides the number of Gaussians as in the stage; and *training*.
 //!
 //! Truth is of the static scene, without noise, motion blur, flare and people, at the median
 //! exposure of the camera; depth is exact.
@@ -215,6 +215,26 @@ impl WalkViews {
         self.rendered(camera, frame, at, options, |_| pose)
     }
 
+    /// The image of a lens without distortion at a pose, without noise, with exact depth and the
+    /// exposure of a camera.
+    ///
+    /// # Errors
+    /// A pose that is not finite.
+    pub(crate) fn pinhole(
+        &self,
+        camera: usize,
+        model: CameraModel,
+        world_from_camera: &RigidTransform,
+    ) -> Result<TrainingView> {
+        let at = Camera::new(model, world_from_camera.inverse())?;
+        let pose = (
+            *world_from_camera.translation(),
+            *world_from_camera.rotation(),
+        );
+        let options = ViewOptions::STAGE;
+        Ok(self.rendered(camera, 0, at, &options, |_| pose)?.view)
+    }
+
     /// Camera, frame and pose of the left images of a part, in order of time.
     ///
     /// # Errors
@@ -307,10 +327,8 @@ impl WalkViews {
             seconds: of.median_s,
             gain: of.median_product_s / of.median_s,
         };
-        let mut renderer = self
-            .prepared
-            .simulation
-            .view_renderer(&of.models[0], shutter);
+        let simulation = &self.prepared.simulation;
+        let mut renderer = simulation.view_renderer(camera.model(), shutter);
         let image = renderer.render(&pose, 0.0, &exposure);
         let mut view = TrainingView::new(camera, image.rgb.into_flattened(), 0);
         let finite = |depth: &f32| if depth.is_finite() { *depth } else { f32::NAN };

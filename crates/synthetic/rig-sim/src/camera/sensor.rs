@@ -3,6 +3,8 @@
 //! Shot noise and read noise are added, gain multiplies both, and a tone curve quantizes the result
 //! to eight bits. Noise is a function of seed, frame and pixel only.
 
+use std::ops::Range;
+
 use crate::camera::shade::Radiance;
 use crate::random;
 
@@ -173,6 +175,32 @@ impl Sensor {
         }
         sum / f64::from(full) / (width * light.height) as f64
     }
+}
+
+/// Red, green, blue of some columns of an I420 image, rows first.
+pub(crate) fn rgb_of(
+    i420: &[u8],
+    [width, height]: [usize; 2],
+    columns: Range<usize>,
+) -> Vec<[u8; 3]> {
+    let (luma, chroma) = i420.split_at(width * height);
+    let (cb, cr) = chroma.split_at(width * height / 4);
+    let pixel = |x: usize, y: usize| {
+        let c = y / 2 * (width / 2) + x / 2;
+        let luma = f32::from(luma[y * width + x]);
+        let (b, r) = (f32::from(cb[c]) - 128.0, f32::from(cr[c]) - 128.0);
+        // The inverse of what `Sensor::develop` does (BT.601).
+        [
+            luma + 1.402 * r,
+            luma - 0.344 * b - 0.714 * r,
+            luma + 1.772 * b,
+        ]
+        .map(|v| (v + 0.5).clamp(0.0, 255.0) as u8)
+    };
+    (0..height)
+        .flat_map(|y| columns.clone().map(move |x| (x, y)))
+        .map(|(x, y)| pixel(x, y))
+        .collect()
 }
 
 /// Automatic exposure: adapts slowly to the last image.

@@ -1,5 +1,6 @@
 use super::*;
 use crate::camera::Shutter;
+use crate::camera::sensor::Exposure;
 use crate::faults::{Fault, Faults, Kind as FaultKind};
 use crate::lens::Lens;
 use crate::random;
@@ -519,4 +520,40 @@ fn intrinsics_of_a_calibration_replace_nominal_ones() {
     stereo.right.width = 100;
     let error = make().with_lenses(&name, &stereo).unwrap_err().to_string();
     assert!(error.contains("is for 100x36, expected 64x36"), "{error}");
+}
+
+#[test]
+fn views_show_the_static_scene_without_people() {
+    let simulation = Simulation::new(&settings(), &example()).unwrap();
+    let time_ns = 3_050_000_000;
+    let mut hidden = 0;
+    for (number, camera) in simulation.cameras().iter().enumerate() {
+        let truth = simulation.ground_truth(number).render(0, time_ns);
+        let mut renderer = simulation.view_renderer(&camera.models[0], camera.shutter);
+        let pose = |time_s: f64| {
+            let rig = simulation.walker().rig(time_s);
+            camera.world_from_eye(0, &rig, None)
+        };
+        let exposure = |seconds: f64| Exposure { seconds, gain: 1.0 };
+        let mut at = |s: f64| renderer.render(&pose, seconds(time_ns), &exposure(s));
+        let image = at(4e-4);
+        assert_eq!(image, at(4e-4));
+        let pixels = truth.depth.iter().zip(&truth.class).zip(&image.depth_m);
+        for ((depth_m, class), found_m) in pixels {
+            match class {
+                Class::Person => {
+                    hidden += 1;
+                    assert!(found_m >= depth_m, "{found_m} {depth_m}");
+                }
+                _ => assert_eq!(found_m, depth_m),
+            }
+        }
+        assert!(!image.class.contains(&Class::Person));
+        let sum = |image: &ViewImage| -> u64 {
+            let values = image.rgb.as_flattened().iter();
+            values.map(|value| u64::from(*value)).sum()
+        };
+        assert!(sum(&at(1e-4)) < sum(&image));
+    }
+    assert!(hidden > 0, "nobody was in an image");
 }

@@ -3,13 +3,11 @@
 use camera_models::CameraModel;
 
 use crate::camera::placed::placed;
-use crate::camera::sensor::{Exposure, SensorModel};
+use crate::camera::sensor::{Exposure, SensorModel, rgb_of};
 use crate::camera::truth::{Pose, TruthCamera};
 use crate::camera::{MonoCamera, Quality, Shot, Shutter};
+use crate::scene::Scene;
 use crate::scene::surface::Class;
-
-use super::Simulation;
-use super::frame_renderer::rgb_of;
 
 /// Samples per pixel.
 const SAMPLES: u32 = 4;
@@ -31,7 +29,7 @@ pub struct ViewImage {
 /// dirt, at a given exposure. Vignetting, softness of the lens and subsampled colors are those of
 /// the simulated cameras.
 pub struct ViewRenderer<'a> {
-    simulation: &'a Simulation,
+    scene: &'a Scene,
     camera: MonoCamera,
     truth: TruthCamera,
     size: [usize; 2],
@@ -39,10 +37,15 @@ pub struct ViewRenderer<'a> {
 
 impl<'a> ViewRenderer<'a> {
     /// A camera with an even number of columns and rows.
-    pub(super) fn new(simulation: &'a Simulation, model: &CameraModel, shutter: Shutter) -> Self {
+    pub(super) fn new(
+        scene: &'a Scene,
+        sensor: SensorModel,
+        model: &CameraModel,
+        shutter: Shutter,
+    ) -> Self {
         let sensor = SensorModel {
             noiseless: true,
-            ..simulation.imaging.sensor(0)
+            ..sensor
         };
         let quality = Quality {
             samples: SAMPLES,
@@ -50,7 +53,7 @@ impl<'a> ViewRenderer<'a> {
             noise: false,
         };
         Self {
-            simulation,
+            scene,
             camera: MonoCamera::new(model, shutter, sensor, quality),
             truth: TruthCamera::new(model, shutter),
             size: [model.width as usize, model.height as usize],
@@ -65,7 +68,7 @@ impl<'a> ViewRenderer<'a> {
         time_s: f64,
         exposure: &Exposure,
     ) -> ViewImage {
-        let scene = self.simulation.scene();
+        let scene = self.scene;
         let mut still = placed(scene);
         still.truncate(still.len() - scene.moving.len());
         let shot = Shot {
