@@ -2,10 +2,16 @@
 //!
 //! Neighbors along a Morton curve form clusters. Each cluster has levels, in each of which about
 //! four Gaussians of the level below are [merged](merge). A camera takes of each cluster that it
-//! can see the coarsest level whose Gaussians stay small in the image. The price is stated by
-//! comparison with [`Renderer::render`].
+//! can see the coarsest level whose Gaussians stay small in the image. Its image is rendered
+//! cluster by cluster from front to back, and what only complete pixels would show is left out
+//! ([`region`]). The price is stated by comparison with [`Renderer::render`].
 
+mod baked;
+mod clusters;
+mod image;
 mod merge;
+mod pixels;
+mod region;
 #[cfg(test)]
 mod tests;
 
@@ -14,11 +20,16 @@ use std::ops::Range;
 use estimator_config::config;
 use rayon::prelude::*;
 
+use self::baked::Baked;
+use self::clusters::{Candidate, Clusters, Level, Sphere};
+use self::region::{Camera as RegionCamera, Rectangle};
 use super::forward::Renderer;
 use super::image::Image;
 use super::view::View;
 use crate::camera::Camera;
+use crate::config::RenderConfig;
 use crate::error::SplatError;
+use crate::lanes::{Kernel, Lanes, Level as Instructions};
 use crate::scene::{Exposure, Plane, Scene, Splats, morton_order};
 
 /// Ranges of Gaussians of a task of projection.
@@ -45,6 +56,11 @@ config! {
         pub max_sigma_px: f32 = 0.6,
         /// Gaussians are merged only up to this factor on their largest scale.
         pub max_growth: f32 = 6.0,
+        /// Alpha below which a Gaussian does not contribute to a pixel of a camera without
+        /// distortion and motion.
+        pub min_alpha: f32 = 1.0 / 255.0,
+        /// Transmittance below which a pixel of such a camera is complete.
+        pub min_transmittance: f32 = 1e-4,
     }
 }
 
@@ -81,26 +97,9 @@ config! {
 pub struct DetailScene {
     /// Gaussians of all levels, cluster by cluster.
     scene: Scene,
-    clusters: Vec<Cluster>,
+    baked: Baked,
+    clusters: Clusters,
     config: DetailConfig,
-}
-
-#[derive(Clone, Debug)]
-struct Cluster {
-    /// Sphere around all that has pixels, in the world, m.
-    center: [f32; 3],
-    radius: f32,
-    /// Largest distance of a mean from the center, m.
-    spread: f32,
-    /// From the originals to the coarsest.
-    levels: Vec<LevelRange>,
-}
-
-#[derive(Clone, Debug)]
-struct LevelRange {
-    range: Range<usize>,
-    /// Mean of the largest standard deviations, m.
-    sigma_m: f32,
 }
 
 impl DetailScene {
@@ -125,51 +124,84 @@ impl DetailScene {
             .map(|indices| levels(scene.splats.select(indices), config))
             .collect();
         let mut planes = vec![Vec::new(); Plane::count(scene.splats.degree())];
-        let mut clusters = Vec::with_capacity(built.len());
+        let mut baked = Baked::new(scene.splats.degree());
+        let mut clusters = Clusters::default();
         for levels in built {
-            let mut ranges = Vec::with_capacity(levels.len());
+            let mut of_cluster = Vec::with_capacity(levels.len());
             for splats in &levels {
-                let start = planes[0].len();
+                let (start, first_block) = (planes[0].len(), baked.blocks());
                 for (all, plane) in planes.iter_mut().zip(splats.planes()) {
                     all.extend(plane);
                 }
-                ranges.push(LevelRange {
+                baked.extend(splats);
+                of_cluster.push(Level {
                     range: start..planes[0].len(),
+                    blocks: first_block..baked.blocks(),
                     sigma_m: mean_sigma_m(splats),
                 });
             }
-            clusters.push(Cluster::new(&levels, ranges));
+            clusters.push(&sphere(&levels), of_cluster);
         }
         let splats = Splats::from_planes(scene.splats.degree(), planes)?;
         let background = scene.background.clone();
         Ok(Self {
             scene: Scene { splats, background },
+            baked,
             clusters,
             config: *config,
         })
     }
 
-    /// Number of Gaussians that an image of a camera takes.
+    /// Number of Gaussians in what an image of a camera can show, hidden ones among them.
     pub fn count(&self, camera: &Camera) -> usize {
-        let view = View::new(camera, &Default::default());
-        self.ranges(&view, 0.0)
-            .into_iter()
-            .map(|range| range.len())
-            .sum()
+        let config = RenderConfig::default();
+        let view = View::new(camera, &config);
+        let ranges = self.ranges(&view, &config, Instructions::best());
+        ranges.iter().map(|range| range.len()).sum()
     }
 
-    fn ranges(&self, view: &View, near_m: f32) -> Vec<Range<usize>> {
-        let visible = self.clusters.iter();
-        visible
-            .filter_map(|cluster| {
-                let z = cluster.depth(view, near_m)?;
-                let px_per_m = view.focal[0].max(view.focal[1]) / z;
-                let fits =
-                    |level: &&LevelRange| level.sigma_m * px_per_m <= self.config.max_sigma_px;
-                let coarsest = cluster.levels[1..].iter().rev().find(fits);
-                Some(coarsest.unwrap_or(&cluster.levels[0]).range.clone())
-            })
-            .collect()
+    /// Gaussians of the clusters that a camera can see, at their levels.
+    fn ranges(
+        &self,
+        view: &View,
+        config: &RenderConfig,
+        instructions: Instructions,
+    ) -> Vec<Range<usize>> {
+        let mut found = instructions.run(Find {
+            scene: self,
+            view,
+            config,
+        });
+        // As they lie in memory.
+        found.sort_unstable_by_key(|candidate| candidate.cluster);
+        let levels = found.iter().map(|candidate| self.clusters.level(candidate));
+        levels.map(|level| level.range.clone()).collect()
+    }
+}
+
+/// Clusters that a camera can see.
+struct Find<'a> {
+    scene: &'a DetailScene,
+    view: &'a View,
+    config: &'a RenderConfig,
+}
+
+impl Kernel for Find<'_> {
+    type Output = Vec<Candidate>;
+
+    #[inline(always)]
+    fn run<V: Lanes>(self) -> Self::Output {
+        let whole = Rectangle {
+            origin: [0; 2],
+            size: [self.view.width, self.view.height],
+        };
+        let camera = RegionCamera::new(self.view, whole, self.config, &self.scene.config);
+        let mut found = Vec::new();
+        let max_sigma_px = self.scene.config.max_sigma_px;
+        self.scene
+            .clusters
+            .find::<V>(&camera, max_sigma_px, &mut found);
+        found
     }
 }
 
@@ -181,8 +213,11 @@ impl Renderer {
         camera: &Camera,
         exposure: &Exposure,
     ) -> Image {
-        let view = View::new(camera, &self.config);
-        let ranges = scene.ranges(&view, self.config.near_m);
+        let view = self.view(&scene.scene, camera);
+        if view.lens.is_none() && view.rolling.is_none() {
+            return image::render(self, scene, &view, exposure);
+        }
+        let ranges = scene.ranges(&view, &self.config, self.level);
         let pass = self.forward_ranges(&scene.scene, &ranges, RANGES_PER_TASK, camera, exposure);
         pass.image
     }
@@ -226,60 +261,33 @@ fn mean_sigma_m(splats: &Splats) -> f32 {
     sum / splats.len().max(1) as f32
 }
 
-impl Cluster {
-    fn new(levels: &[Splats], ranges: Vec<LevelRange>) -> Self {
-        let means = || {
-            let all = levels
-                .iter()
-                .flat_map(|splats| (0..splats.len()).map(move |i| (splats, i)));
-            all.map(|(splats, i)| (splats.get(i).position_m, largest_sigma_m(splats, i)))
-        };
-        let mut low = [f32::INFINITY; 3];
-        let mut high = [f32::NEG_INFINITY; 3];
-        for (position, _) in means() {
-            for k in 0..3 {
-                low[k] = low[k].min(position[k]);
-                high[k] = high[k].max(position[k]);
-            }
-        }
-        let center: [f32; 3] = std::array::from_fn(|k| 0.5 * (low[k] + high[k]));
-        let distance = |position: [f32; 3]| {
-            let square: f32 = (0..3).map(|k| (position[k] - center[k]).powi(2)).sum();
-            square.sqrt()
-        };
-        let reach = means().map(|(position, sigma)| distance(position) + REACH_SIGMAS * sigma);
-        Self {
-            center,
-            radius: reach.fold(0.0, f32::max),
-            spread: means()
-                .map(|(position, _)| distance(position))
-                .fold(0.0, f32::max),
-            levels: ranges,
+/// The sphere around all levels of a cluster.
+fn sphere(levels: &[Splats]) -> Sphere {
+    let means = || {
+        let all = levels
+            .iter()
+            .flat_map(|splats| (0..splats.len()).map(move |i| (splats, i)));
+        all.map(|(splats, i)| (splats.get(i).position_m, largest_sigma_m(splats, i)))
+    };
+    let mut low = [f32::INFINITY; 3];
+    let mut high = [f32::NEG_INFINITY; 3];
+    for (position, _) in means() {
+        for k in 0..3 {
+            low[k] = low[k].min(position[k]);
+            high[k] = high[k].max(position[k]);
         }
     }
-
-    /// Smallest depth of a mean, at least `near_m`; `None` if nothing can have pixels.
-    fn depth(&self, view: &View, near_m: f32) -> Option<f32> {
-        let offset: [f32; 3] = std::array::from_fn(|k| self.center[k] - view.center[k]);
-        let [x, y, z] = view
-            .rotation
-            .map(|row| row[0] * offset[0] + row[1] * offset[1] + row[2] * offset[2]);
-        if z + self.radius < near_m {
-            return None;
-        }
-        // Sides of the image of a pinhole camera; others, and those in motion, see all in front.
-        if view.lens.is_none() && view.rolling.is_none() {
-            let size = [view.width, view.height];
-            for (k, at) in [x, y].into_iter().enumerate() {
-                let (focal, center) = (view.focal[k], view.principal[k]);
-                let low = (-BORDER_PX - center) / focal;
-                let high = (size[k] as f32 + BORDER_PX - center) / focal;
-                let beyond = |slope: f32| self.radius * (1.0 + slope * slope).sqrt();
-                if at - low * z < -beyond(low) || at - high * z > beyond(high) {
-                    return None;
-                }
-            }
-        }
-        Some((z - self.spread).max(near_m).max(1e-3))
+    let center: [f32; 3] = std::array::from_fn(|k| 0.5 * (low[k] + high[k]));
+    let distance = |position: [f32; 3]| {
+        let square: f32 = (0..3).map(|k| (position[k] - center[k]).powi(2)).sum();
+        square.sqrt()
+    };
+    let reach = means().map(|(position, sigma)| distance(position) + REACH_SIGMAS * sigma);
+    Sphere {
+        center,
+        radius_m: reach.fold(0.0, f32::max),
+        spread_m: means()
+            .map(|(position, _)| distance(position))
+            .fold(0.0, f32::max),
     }
 }

@@ -1,0 +1,253 @@
+//! Pixels of a region, in blocks of eight by eight: a row of a block is one vector.
+
+use super::DetailConfig;
+use super::region::MAX_BLOCKS;
+use crate::lanes::{LANES, Lanes};
+
+/// Edge of a block, px.
+pub(super) const BLOCK: usize = LANES;
+
+/// Slack of the intervals for rounding: px and share.
+const SLACK_PX: f32 = 0.02;
+const SLACK_SHARE: f32 = 1e-4;
+
+/// A Gaussian in a region.
+#[repr(align(64))]
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Sprite(pub(super) [f32; Self::VALUES]);
+
+impl Sprite {
+    /// Mean, half of the box around the ellipse, inverse covariance `a b; b c`, its determinant,
+    /// the value of `dᵀ Q d` at which alpha is the least, opacity, color, depth.
+    pub(super) const VALUES: usize = 14;
+
+    #[inline(always)]
+    pub(super) fn z_m(&self) -> f32 {
+        self.0[13]
+    }
+
+    /// Low x and y, high x and y, px.
+    #[inline(always)]
+    pub(super) fn bounds(&self) -> [f32; 4] {
+        let [x, y, width, height, ..] = self.0;
+        [x - width, y - height, x + width, y + height]
+    }
+}
+
+/// Eight pixels of a row.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Cell {
+    /// Transmittance; negative where the pixel is complete.
+    pub(super) transmittance: [f32; LANES],
+    pub(super) rgb: [[f32; LANES]; 3],
+    /// `Σ w z`, m.
+    pub(super) depth: [f32; LANES],
+    /// m; 0 where there is none.
+    pub(super) median: [f32; LANES],
+}
+
+const EMPTY: Cell = Cell {
+    transmittance: [1.0; LANES],
+    rgb: [[0.0; LANES]; 3],
+    depth: [0.0; LANES],
+    median: [0.0; LANES],
+};
+
+/// The pixels of a region.
+#[derive(Debug, Default)]
+pub(super) struct Pixels {
+    columns: usize,
+    rows: usize,
+    blocks: Vec<[Cell; BLOCK]>,
+    /// Rows of each block that are not complete, as bits.
+    open_rows: Vec<u32>,
+    /// Blocks of each row of blocks that are not complete, as bits.
+    open: [u32; MAX_BLOCKS],
+}
+
+impl Pixels {
+    /// All pixels empty.
+    pub(super) fn clear(&mut self, size: [usize; 2]) {
+        [self.columns, self.rows] = size.map(|size| size.div_ceil(BLOCK));
+        self.blocks.clear();
+        self.blocks
+            .resize(self.columns * self.rows, [EMPTY; BLOCK]);
+        self.open_rows.clear();
+        self.open_rows.resize(self.columns * self.rows, 0xff);
+        self.open = [0; MAX_BLOCKS];
+        self.open[..self.rows].fill((1 << self.columns) - 1);
+        self.close_border(size);
+    }
+
+    /// Completes what is beyond the region in the last blocks.
+    fn close_border(&mut self, size: [usize; 2]) {
+        let [width, height] = size.map(|size| size % BLOCK);
+        if width > 0 {
+            for row in 0..self.rows {
+                for cell in &mut self.blocks[(row + 1) * self.columns - 1] {
+                    cell.transmittance[width..].fill(-1.0);
+                }
+            }
+        }
+        if height > 0 {
+            let last = (self.rows - 1) * self.columns;
+            for column in 0..self.columns {
+                self.open_rows[last + column] = (1 << height) - 1;
+            }
+        }
+    }
+
+    /// The cell of eight pixels.
+    pub(super) fn cell(&self, row: usize, column: usize) -> &Cell {
+        &self.blocks[row / BLOCK * self.columns + column][row % BLOCK]
+    }
+
+    /// Whether all pixels are complete.
+    #[inline(always)]
+    pub(super) fn is_complete(&self) -> bool {
+        self.open[..self.rows].iter().all(|open| *open == 0)
+    }
+
+    /// Rows and columns of blocks that a box reaches: first and last row, bits of columns.
+    #[inline(always)]
+    fn reached(&self, [left, top, right, bottom]: &[f32; 4]) -> Option<(usize, usize, u32)> {
+        let last = |count: usize| (count * BLOCK - 1) as f32;
+        // Coordinates below 0 become 0.
+        let (right, bottom) = (right + SLACK_PX, bottom + SLACK_PX);
+        let (left, top) = (left - SLACK_PX, top - SLACK_PX);
+        if !(right >= 0.0 && bottom >= 0.0 && left <= last(self.columns) && top <= last(self.rows))
+        {
+            return None;
+        }
+        let at = |v: f32, count: usize| (v as usize / BLOCK).min(count - 1);
+        let (first, end) = (at(left, self.columns), at(right, self.columns));
+        let columns = (2 << end) - (1 << first);
+        Some((at(top, self.rows), at(bottom, self.rows), columns))
+    }
+
+    /// Whether a box reaches a pixel that is not complete, or a block that has one.
+    #[inline(always)]
+    pub(super) fn is_open(&self, bounds: &[f32; 4]) -> bool {
+        let Some((top, bottom, columns)) = self.reached(bounds) else {
+            return false;
+        };
+        let mut open = 0;
+        for row in top..=bottom {
+            open |= self.open[row];
+        }
+        open & columns != 0
+    }
+
+    /// Blends a Gaussian behind what is there.
+    #[inline(always)]
+    pub(super) fn blend<V: Lanes>(
+        &mut self,
+        sprite: &Sprite,
+        config: &DetailConfig,
+        max_alpha: f32,
+    ) {
+        let Some((top, bottom, columns)) = self.reached(&sprite.bounds()) else {
+            return;
+        };
+        let s = V::splat;
+        let ramp = V::load(&[0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0]);
+        let [x, y, _, _, a, b, c, determinant, reach, opacity, red, green, blue, z] = sprite.0;
+        let inverse = 1.0 / a;
+        let full = reach * a * (1.0 + SLACK_SHARE);
+        // Exponents to the base of 2, negative.
+        let by = -0.5 * std::f32::consts::LOG2_E;
+        let (aa, bb, cc) = (s(by * a), 2.0 * by * b, by * c);
+        let (max_alpha, min_alpha) = (s(max_alpha), s(config.min_alpha));
+        let least = s(config.min_transmittance);
+        let (opacity, zero) = (s(opacity), s(0.0));
+        for row in top..=bottom {
+            let mut open = self.open[row] & columns;
+            if open == 0 {
+                continue;
+            }
+            // The interval of x in each of the eight rows.
+            let from_y = (row * BLOCK) as f32 - y;
+            let dy = ramp + s(from_y);
+            let square = (dy * dy).mul_add(s(-determinant), s(full));
+            let reached = zero.less(square);
+            let width = square
+                .max(zero)
+                .sqrt()
+                .mul_add(s(inverse * (1.0 + SLACK_SHARE)), s(SLACK_PX));
+            let middle = dy * s(-b * inverse);
+            let (low, high) = (middle - width, middle + width);
+            while open != 0 {
+                let column = open.trailing_zeros() as usize;
+                open &= open - 1;
+                let block = row * self.columns + column;
+                let from = (column * BLOCK) as f32 - x;
+                let last = s(from + (BLOCK - 1) as f32);
+                let within = low.less(last).and(s(from).less(high)).and(reached);
+                let mut bits = within.bits() & self.open_rows[block];
+                if bits == 0 {
+                    continue;
+                }
+                let dx = ramp + s(from);
+                let squared = aa * dx * dx;
+                let mut complete = 0;
+                while bits != 0 {
+                    let k = bits.trailing_zeros() as usize % BLOCK;
+                    bits &= bits - 1;
+                    let dy = from_y + k as f32;
+                    let exponent = dx.mul_add(s(bb * dy), squared + s(cc * dy * dy));
+                    let alpha = (opacity * exponential(exponent)).min(max_alpha);
+                    let cell = &mut self.blocks[block][k];
+                    let before = V::load(&cell.transmittance);
+                    let weight = (before * alpha)
+                        .and_not(alpha.less(min_alpha))
+                        .and(zero.less(before));
+                    let after = before - weight;
+                    add(&mut cell.rgb[0], weight, s(red));
+                    add(&mut cell.rgb[1], weight, s(green));
+                    add(&mut cell.rgb[2], weight, s(blue));
+                    add(&mut cell.depth, weight, s(z));
+                    let crossed = s(0.5).less(before).and_not(s(0.5).less(after));
+                    if crossed.bits() != 0 {
+                        crossed
+                            .select(s(z), V::load(&cell.median))
+                            .store(&mut cell.median);
+                    }
+                    let after = after.less(least).select(-after.abs(), after);
+                    after.store(&mut cell.transmittance);
+                    if after.bits() == 0xff {
+                        complete |= 1 << k;
+                    }
+                }
+                if complete != 0 {
+                    self.open_rows[block] &= !complete;
+                    if self.open_rows[block] == 0 {
+                        self.open[row] &= !(1 << column);
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// Adds `weight * value`.
+#[inline(always)]
+fn add<V: Lanes>(to: &mut [f32; LANES], weight: V, value: V) {
+    weight.mul_add(value, V::load(to)).store(to);
+}
+
+/// `2^x` for x at most 1, with a relative error below 4e-6; below -120 as at -120.
+#[inline(always)]
+fn exponential<V: Lanes>(x: V) -> V {
+    let s = V::splat;
+    let x = x.max(s(-120.0));
+    // 2^x = 2^n 2^r, with n the nearest integer; the added number leaves no bits for the fraction.
+    let shifted = x + s(12_582_912.0);
+    let r = x - (shifted - s(12_582_912.0));
+    // 2^r interpolated at the Chebyshev nodes of |r| <= 1/2.
+    let p = s(9.666_368_5e-3)
+        .mul_add(r, s(5.592_197_6e-2))
+        .mul_add(r, s(2.402_235e-1))
+        .mul_add(r, s(6.931_21e-1))
+        .mul_add(r, s(1.0));
+    p * shifted.power_of_two()
+}

@@ -1,0 +1,343 @@
+//! A region of an image: its Gaussians front to back, without lists per tile.
+//!
+//! Clusters are visited by the depth of their nearest mean, some of them at a time. A Gaussian is
+//! blended when no cluster is left that could have a nearer one. Clusters and Gaussians that reach
+//! only complete pixels are left out, before or after their projection: in a dense scene these are
+//! most of them.
+
+use super::{DetailConfig, DetailScene};
+use super::baked::{self, Row, load3};
+use super::clusters::Candidate;
+use super::pixels::{BLOCK, Pixels, Sprite};
+use crate::config::RenderConfig;
+use crate::harmonics;
+use crate::lanes::{Kernel, LANES, Lanes};
+use crate::render::geometry::{Shape, dot, row_times, splat3x3};
+use crate::render::view::View;
+use crate::scene::coefficients;
+
+/// Gaussians, as blocks of eight, that are projected before the nearest ones are blended.
+const BLOCKS_PER_ROUND: usize = 160;
+
+/// Largest determinant of a covariance in the image, px⁴; beyond it f32 is not enough.
+const MAX_DETERMINANT: f32 = 1e30;
+
+/// A rectangle of an image, px.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Rectangle {
+    pub(super) origin: [usize; 2],
+    pub(super) size: [usize; 2],
+}
+
+/// What a thread keeps from image to image.
+#[derive(Debug, Default)]
+pub(super) struct Scratch {
+    pub(super) pixels: Pixels,
+    candidates: Vec<Candidate>,
+    sprites: Vec<Sprite>,
+    /// Bits of the depth and index of sprites that are not blended yet.
+    waiting: Vec<Key>,
+    ready: Vec<Key>,
+    other: Vec<Key>,
+}
+
+/// Bits of a depth, which is positive, and the index of a sprite.
+type Key = (u32, u32);
+
+/// Renders a region into the pixels of a scratch.
+pub(super) struct Region<'a> {
+    pub(super) scene: &'a DetailScene,
+    pub(super) view: &'a View,
+    pub(super) rectangle: Rectangle,
+    pub(super) config: &'a RenderConfig,
+    pub(super) scratch: &'a mut Scratch,
+}
+
+impl Kernel for Region<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<V: Lanes>(self) {
+        let scratch = self.scratch;
+        scratch.pixels.clear(self.rectangle.size);
+        scratch.sprites.clear();
+        scratch.waiting.clear();
+        let clusters = &self.scene.clusters;
+        let detail = &self.scene.config;
+        let camera = Camera::new(self.view, self.rectangle, self.config, detail);
+        clusters.find::<V>(&camera, self.scene.config.max_sigma_px, &mut scratch.candidates);
+        let mut next = 0;
+        loop {
+            let mut blocks = 0;
+            while next < scratch.candidates.len() && blocks < BLOCKS_PER_ROUND {
+                let candidate = scratch.candidates[next];
+                next += 1;
+                if !scratch.pixels.is_open(&camera.box_of(&candidate)) {
+                    continue;
+                }
+                let range = clusters.blocks(&candidate);
+                blocks += range.len();
+                for block in range {
+                    camera.project::<V>(&self.scene.baked, block, scratch);
+                }
+            }
+            let end = match scratch.candidates.get(next) {
+                Some(candidate) => candidate.z_m.to_bits(),
+                None => u32::MAX,
+            };
+            scratch.ready.clear();
+            let ready = &mut scratch.ready;
+            scratch.waiting.retain(|key| {
+                if key.0 < end {
+                    ready.push(*key);
+                }
+                key.0 >= end
+            });
+            sort(&mut scratch.ready, &mut scratch.other);
+            for (_, index) in &scratch.ready {
+                let sprite = &scratch.sprites[*index as usize];
+                scratch.pixels.blend::<V>(sprite, &self.scene.config, self.config.max_alpha);
+            }
+            if next == scratch.candidates.len() || scratch.pixels.is_complete() {
+                break;
+            }
+        }
+    }
+}
+
+/// A camera and what it sees of the region.
+pub(super) struct Camera<'a> {
+    pub(super) view: &'a View,
+    pub(super) rectangle: Rectangle,
+    pub(super) config: &'a RenderConfig,
+    /// Twice the logarithm of the alpha below which a Gaussian has no pixels.
+    log_min_alpha: f32,
+}
+
+impl<'a> Camera<'a> {
+    pub(super) fn new(
+        view: &'a View,
+        rectangle: Rectangle,
+        config: &'a RenderConfig,
+        detail: &DetailConfig,
+    ) -> Self {
+        Self {
+            view,
+            rectangle,
+            config,
+            log_min_alpha: 2.0 * libm::logf(detail.min_alpha),
+        }
+    }
+
+    /// Bounds of a cluster in the region: low x and y, high x and y, px.
+    #[inline(always)]
+    fn box_of(&self, candidate: &Candidate) -> [f32; 4] {
+        let [x, y, z] = candidate.center;
+        let radius = candidate.radius_m;
+        let (near, far) = (z - radius, z + radius);
+        let size = self.rectangle.size.map(|v| v as f32);
+        if near <= self.config.near_m {
+            return [0.0, 0.0, size[0], size[1]];
+        }
+        let mut bounds = [0.0; 4];
+        for (k, at) in [x, y].into_iter().enumerate() {
+            let (low, high) = (at - radius, at + radius);
+            let low = low / if low > 0.0 { far } else { near };
+            let high = high / if high > 0.0 { near } else { far };
+            let center = self.view.principal[k] - self.rectangle.origin[k] as f32;
+            bounds[k] = self.view.focal[k] * low + center - super::BORDER_PX;
+            bounds[k + 2] = self.view.focal[k] * high + center + super::BORDER_PX;
+        }
+        bounds
+    }
+
+    /// Appends the sprites of a block.
+    #[inline(always)]
+    fn project<V: Lanes>(&self, baked: &baked::Baked, block: usize, scratch: &mut Scratch) {
+        let s = V::splat;
+        let (view, rows) = (self.view, baked.block(block));
+        let position = load3::<V>(rows, baked::POSITION);
+        let mut offset = position;
+        for k in 0..3 {
+            offset[k] = position[k] - s(view.center[k]);
+        }
+        let rotation = splat3x3::<V>(&view.rotation);
+        let z = dot(&rotation[2], &offset);
+        let hidden = z.less(s(self.config.near_m)).or(s(self.config.far_m).less(z));
+        let mut visible = hidden.bits() ^ 0xff;
+        if visible == 0 {
+            return;
+        }
+        let at = [dot(&rotation[0], &offset), dot(&rotation[1], &offset)];
+        let inverse = s(1.0) / z;
+        let largest = V::load(&rows[baked::LARGEST]);
+        let mut reach = V::load(&rows[baked::LOG_OPACITY]) - s(self.log_min_alpha);
+        let dilation = s(self.config.dilation_px2);
+        let mut mean = at;
+        let mut jacobian = rotation;
+        for k in 0..2 {
+            let slope = at[k] * inverse;
+            let bounded = slope
+                .max(s(view.slope_min[k]))
+                .min(s(view.slope_max[k]));
+            let scale = s(view.focal[k]) * inverse;
+            let center = view.principal[k] - self.rectangle.origin[k] as f32;
+            mean[k] = s(view.focal[k]).mul_add(slope, s(center));
+            let along = -(scale * bounded);
+            for i in 0..3 {
+                jacobian[k][i] = scale.mul_add(rotation[k][i], along * rotation[2][i]);
+            }
+            // The largest scale bounds the ellipse in every direction.
+            let square = (scale * scale).mul_add(bounded.mul_add(bounded, s(1.0)) * largest, dilation);
+            let extent = (square * reach.max(s(0.0))).sqrt();
+            let last = s((self.rectangle.size[k] - 1) as f32);
+            visible &= (-extent).less(mean[k]).bits() & mean[k].less(last + extent).bits();
+        }
+        visible &= s(0.0).less(reach).bits();
+        if visible == 0 {
+            return;
+        }
+        let root = [
+            load3::<V>(rows, baked::ROOT),
+            load3::<V>(rows, baked::ROOT + 3),
+            load3::<V>(rows, baked::ROOT + 6),
+        ];
+        let root = [row_times(&jacobian[0], &root), row_times(&jacobian[1], &root)];
+        let shape = Shape::new(&root, self.config.dilation_px2);
+        let determinant = shape.determinant;
+        visible &= s(0.0).less(determinant).bits();
+        visible &= determinant.less(s(MAX_DETERMINANT)).bits();
+        let mut opacity = V::load(&rows[baked::OPACITY]);
+        if self.config.compensate {
+            let factor = shape.compensation(self.config.min_compensation);
+            opacity = opacity * factor;
+            reach = reach + twice_log(factor);
+            visible &= s(0.0).less(reach).bits();
+        }
+        let [xx, xy, yy] = shape.covariance;
+        let extent = [
+            (xx * reach.max(s(0.0))).sqrt(),
+            (yy * reach.max(s(0.0))).sqrt(),
+        ];
+        for k in 0..2 {
+            let last = s((self.rectangle.size[k] - 1) as f32);
+            visible &= (-extent[k]).less(mean[k]).bits();
+            visible &= mean[k].less(last + extent[k]).bits();
+        }
+        if visible == 0 {
+            return;
+        }
+        let color = color(&offset, baked.degree(), rows);
+        let inverse = s(1.0) / determinant;
+        let mut values: [Row; Sprite::VALUES] = [[0.0; LANES]; Sprite::VALUES];
+        mean[0].store(&mut values[0]);
+        mean[1].store(&mut values[1]);
+        extent[0].store(&mut values[2]);
+        extent[1].store(&mut values[3]);
+        (yy * inverse).store(&mut values[4]);
+        (-xy * inverse).store(&mut values[5]);
+        (xx * inverse).store(&mut values[6]);
+        inverse.store(&mut values[7]);
+        reach.store(&mut values[8]);
+        opacity.store(&mut values[9]);
+        color[0].store(&mut values[10]);
+        color[1].store(&mut values[11]);
+        color[2].store(&mut values[12]);
+        z.store(&mut values[13]);
+        while visible != 0 {
+            let lane = visible.trailing_zeros() as usize % LANES;
+            visible &= visible - 1;
+            let mut sprite = Sprite::default();
+            for (value, lanes) in sprite.0.iter_mut().zip(&values) {
+                *value = lanes[lane];
+            }
+            if scratch.pixels.is_open(&sprite.bounds()) {
+                let index = scratch.sprites.len() as u32;
+                scratch.waiting.push((sprite.z_m().to_bits(), index));
+                scratch.sprites.push(sprite);
+            }
+        }
+    }
+}
+
+/// Twice the natural logarithms, one lane after the other.
+#[inline(always)]
+fn twice_log<V: Lanes>(of: V) -> V {
+    let mut values = [0.0; LANES];
+    of.store(&mut values);
+    for value in &mut values {
+        *value = 2.0 * libm::logf(*value);
+    }
+    V::load(&values)
+}
+
+/// Colors towards the camera.
+#[inline(always)]
+fn color<V: Lanes>(offset: &[V; 3], degree: usize, rows: &[Row]) -> [V; 3] {
+    let mut direction = *offset;
+    if degree > 0 {
+        let inverse = V::splat(1.0) / dot(offset, offset).sqrt();
+        for k in 0..3 {
+            direction[k] = offset[k] * inverse;
+        }
+    }
+    let basis = harmonics::basis(direction, degree);
+    let mut color = [V::splat(0.5); 3];
+    for k in 0..coefficients(degree) {
+        let of_channel = load3::<V>(rows, baked::HARMONICS + 3 * k);
+        for c in 0..3 {
+            color[c] = basis[k].mul_add(of_channel[c], color[c]);
+        }
+    }
+    let zero = V::splat(0.0);
+    [color[0].max(zero), color[1].max(zero), color[2].max(zero)]
+}
+
+/// Bits of a digit of the sort.
+const BITS: u32 = 8;
+const BUCKETS: usize = 1 << BITS;
+
+/// Sorts by depth to one part in 2^16 of the range that the keys span, or better; equal ones stay in
+/// their order. Two passes of a radix sort (Knuth, The Art of Computer Programming 3, 5.2.5).
+fn sort(keys: &mut Vec<Key>, other: &mut Vec<Key>) {
+    let mut low = u32::MAX;
+    let mut high = 0;
+    for (z, _) in keys.iter() {
+        low = low.min(*z);
+        high = high.max(*z);
+    }
+    if low >= high {
+        return;
+    }
+    let shift = (32 - (high - low).leading_zeros()).saturating_sub(2 * BITS);
+    other.clear();
+    other.resize(keys.len(), (0, 0));
+    for pass in 0..2 {
+        let digit = |key: &Key| ((key.0 - low) >> (shift + pass * BITS)) as usize % BUCKETS;
+        let mut starts = [0_u32; BUCKETS];
+        for key in keys.iter() {
+            starts[digit(key)] += 1;
+        }
+        let mut sum = 0;
+        for start in &mut starts {
+            sum += std::mem::replace(start, sum);
+        }
+        for key in keys.iter() {
+            let at = &mut starts[digit(key)];
+            other[*at as usize] = *key;
+            *at += 1;
+        }
+        std::mem::swap(keys, other);
+    }
+}
+
+/// Blocks of pixels that a region has at most along an edge.
+pub(super) const MAX_BLOCKS: usize = 16;
+
+/// Regions of an image: rows of regions, each as wide as its share of the image.
+pub(super) fn split(size: usize) -> Vec<(usize, usize)> {
+    let parts = size.div_ceil(MAX_BLOCKS * BLOCK);
+    let edge = size.div_ceil(parts * BLOCK) * BLOCK;
+    let starts = (0..size).step_by(edge);
+    starts.map(|start| (start, edge.min(size - start))).collect()
+}
