@@ -1,5 +1,7 @@
 //! Pixels of a region, in blocks of eight by eight: a row of a block is one vector.
 
+use std::ops::RangeInclusive;
+
 use super::DetailConfig;
 use super::region::MAX_BLOCKS;
 use crate::lanes::{LANES, Lanes};
@@ -13,25 +15,54 @@ const SLACK_SHARE: f32 = 1e-4;
 
 /// A Gaussian in a region.
 #[repr(align(64))]
-#[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Sprite(pub(super) [f32; Self::VALUES]);
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Sprite {
+    /// px
+    pub(super) mean: [f32; 2],
+    /// Inverse covariance `a b; b c`, px⁻², and its determinant.
+    pub(super) conic: [f32; 4],
+    /// `dᵀ Q d` at which alpha falls to its minimum.
+    pub(super) reach: f32,
+    pub(super) opacity: f32,
+    pub(super) color: [f32; 3],
+    /// m
+    pub(super) z: f32,
+    pub(super) blocks: Blocks,
+}
 
-impl Sprite {
-    /// Mean, half of the box around the ellipse, inverse covariance `a b; b c`, its determinant,
-    /// the value of `dᵀ Q d` at which alpha is the least, opacity, color, depth.
-    pub(super) const VALUES: usize = 14;
+/// Blocks that a box reaches: bytes of first and last column, first and last row.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Blocks(pub(super) u32);
 
+impl Blocks {
     #[inline(always)]
-    pub(super) fn z_m(&self) -> f32 {
-        self.0[13]
+    pub(super) fn new(left: u32, right: u32, top: u32, bottom: u32) -> Self {
+        Self(left | right << 8 | top << 16 | bottom << 24)
     }
 
-    /// Low x and y, high x and y, px.
+    /// As bits.
     #[inline(always)]
-    pub(super) fn bounds(&self) -> [f32; 4] {
-        let [x, y, width, height, ..] = self.0;
-        [x - width, y - height, x + width, y + height]
+    fn columns(self) -> u32 {
+        (2 << (self.0 >> 8 & 31)) - (1 << (self.0 & 31))
     }
+
+    #[inline(always)]
+    fn rows(self) -> RangeInclusive<usize> {
+        (self.0 >> 16 & 0xff) as usize..=(self.0 >> 24) as usize
+    }
+}
+
+/// Number of the block of each coordinate, in the lowest bits; coordinates are taken into the region,
+/// which has `size` pixels.
+#[inline(always)]
+pub(super) fn block_bits<V: Lanes>(at: V, size: usize) -> [u32; LANES] {
+    let s = V::splat;
+    let inside = at.max(s(0.0)).min(s((size - 1) as f32));
+    // Half a block less is rounded to the nearest: the added number leaves no bits for the fraction.
+    let blocks = inside.mul_add(s(1.0 / BLOCK as f32), s(-0.5)) + s(12_582_912.0);
+    let mut values = [0.0; LANES];
+    blocks.store(&mut values);
+    values.map(f32::to_bits)
 }
 
 /// Eight pixels of a row.
@@ -108,34 +139,14 @@ impl Pixels {
         self.open[..self.rows].iter().all(|open| *open == 0)
     }
 
-    /// Rows and columns of blocks that a box reaches: first and last row, bits of columns.
+    /// Whether blocks have a pixel that is not complete.
     #[inline(always)]
-    fn reached(&self, [left, top, right, bottom]: &[f32; 4]) -> Option<(usize, usize, u32)> {
-        let last = |count: usize| (count * BLOCK - 1) as f32;
-        // Coordinates below 0 become 0.
-        let (right, bottom) = (right + SLACK_PX, bottom + SLACK_PX);
-        let (left, top) = (left - SLACK_PX, top - SLACK_PX);
-        if !(right >= 0.0 && bottom >= 0.0 && left <= last(self.columns) && top <= last(self.rows))
-        {
-            return None;
-        }
-        let at = |v: f32, count: usize| (v as usize / BLOCK).min(count - 1);
-        let (first, end) = (at(left, self.columns), at(right, self.columns));
-        let columns = (2 << end) - (1 << first);
-        Some((at(top, self.rows), at(bottom, self.rows), columns))
-    }
-
-    /// Whether a box reaches a pixel that is not complete, or a block that has one.
-    #[inline(always)]
-    pub(super) fn is_open(&self, bounds: &[f32; 4]) -> bool {
-        let Some((top, bottom, columns)) = self.reached(bounds) else {
-            return false;
-        };
+    pub(super) fn is_open(&self, blocks: Blocks) -> bool {
         let mut open = 0;
-        for row in top..=bottom {
-            open |= self.open[row];
+        for row in blocks.rows() {
+            open |= self.open[row % MAX_BLOCKS];
         }
-        open & columns != 0
+        open & blocks.columns() != 0
     }
 
     /// Blends a Gaussian behind what is there.
@@ -146,21 +157,22 @@ impl Pixels {
         config: &DetailConfig,
         max_alpha: f32,
     ) {
-        let Some((top, bottom, columns)) = self.reached(&sprite.bounds()) else {
-            return;
-        };
+        let columns = sprite.blocks.columns();
         let s = V::splat;
         let ramp = V::load(&[0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0]);
-        let [x, y, _, _, a, b, c, determinant, reach, opacity, red, green, blue, z] = sprite.0;
+        let [x, y] = sprite.mean;
+        let [a, b, c, determinant] = sprite.conic;
+        let [red, green, blue] = sprite.color.map(s);
+        let z = s(sprite.z);
         let inverse = 1.0 / a;
-        let full = reach * a * (1.0 + SLACK_SHARE);
+        let full = sprite.reach * a * (1.0 + SLACK_SHARE);
         // Exponents to the base of 2, negative.
         let by = -0.5 * std::f32::consts::LOG2_E;
         let (aa, bb, cc) = (s(by * a), 2.0 * by * b, by * c);
         let (max_alpha, min_alpha) = (s(max_alpha), s(config.min_alpha));
         let least = s(config.min_transmittance);
-        let (opacity, zero) = (s(opacity), s(0.0));
-        for row in top..=bottom {
+        let (opacity, zero) = (s(sprite.opacity), s(0.0));
+        for row in sprite.blocks.rows() {
             let mut open = self.open[row] & columns;
             if open == 0 {
                 continue;
@@ -202,14 +214,14 @@ impl Pixels {
                         .and_not(alpha.less(min_alpha))
                         .and(zero.less(before));
                     let after = before - weight;
-                    add(&mut cell.rgb[0], weight, s(red));
-                    add(&mut cell.rgb[1], weight, s(green));
-                    add(&mut cell.rgb[2], weight, s(blue));
-                    add(&mut cell.depth, weight, s(z));
+                    add(&mut cell.rgb[0], weight, red);
+                    add(&mut cell.rgb[1], weight, green);
+                    add(&mut cell.rgb[2], weight, blue);
+                    add(&mut cell.depth, weight, z);
                     let crossed = s(0.5).less(before).and_not(s(0.5).less(after));
                     if crossed.bits() != 0 {
                         crossed
-                            .select(s(z), V::load(&cell.median))
+                            .select(z, V::load(&cell.median))
                             .store(&mut cell.median);
                     }
                     let after = after.less(least).select(-after.abs(), after);

@@ -8,7 +8,7 @@
 use super::{DetailConfig, DetailScene};
 use super::baked::{self, Row, load3};
 use super::clusters::Candidate;
-use super::pixels::{BLOCK, Pixels, Sprite};
+use super::pixels::{BLOCK, Blocks, Pixels, Sprite, block_bits};
 use crate::config::RenderConfig;
 use crate::harmonics;
 use crate::lanes::{Kernel, LANES, Lanes};
@@ -18,6 +18,12 @@ use crate::scene::coefficients;
 
 /// Gaussians, as blocks of eight, that are projected before the nearest ones are blended.
 const BLOCKS_PER_ROUND: usize = 160;
+
+/// Slack of boxes for rounding, px.
+const SLACK_PX: f32 = 0.02;
+
+/// Bits of the number of a block.
+const MASK: u32 = MAX_BLOCKS as u32 - 1;
 
 /// Largest determinant of a covariance in the image, px⁴; beyond it f32 is not enough.
 const MAX_DETERMINANT: f32 = 1e30;
@@ -72,7 +78,7 @@ impl Kernel for Region<'_> {
             while next < scratch.candidates.len() && blocks < BLOCKS_PER_ROUND {
                 let candidate = scratch.candidates[next];
                 next += 1;
-                if !scratch.pixels.is_open(&camera.box_of(&candidate)) {
+                if !scratch.pixels.is_open(camera.blocks_of(&candidate)) {
                     continue;
                 }
                 let range = clusters.blocks(&candidate);
@@ -85,14 +91,7 @@ impl Kernel for Region<'_> {
                 Some(candidate) => candidate.z_m.to_bits(),
                 None => u32::MAX,
             };
-            scratch.ready.clear();
-            let ready = &mut scratch.ready;
-            scratch.waiting.retain(|key| {
-                if key.0 < end {
-                    ready.push(*key);
-                }
-                key.0 >= end
-            });
+            take_nearer(&mut scratch.waiting, end, &mut scratch.ready);
             sort(&mut scratch.ready, &mut scratch.other);
             for (_, index) in &scratch.ready {
                 let sprite = &scratch.sprites[*index as usize];
@@ -129,26 +128,31 @@ impl<'a> Camera<'a> {
         }
     }
 
-    /// Bounds of a cluster in the region: low x and y, high x and y, px.
+    /// Blocks of pixels that a cluster can reach.
     #[inline(always)]
-    fn box_of(&self, candidate: &Candidate) -> [f32; 4] {
+    fn blocks_of(&self, candidate: &Candidate) -> Blocks {
         let [x, y, z] = candidate.center;
         let radius = candidate.radius_m;
         let (near, far) = (z - radius, z + radius);
-        let size = self.rectangle.size.map(|v| v as f32);
+        let size = self.rectangle.size;
+        let last = [(size[0] - 1) / BLOCK, (size[1] - 1) / BLOCK];
+        let mut bounds = [0, last[0], 0, last[1]];
         if near <= self.config.near_m {
-            return [0.0, 0.0, size[0], size[1]];
+            return Blocks::new(0, last[0] as u32, 0, last[1] as u32);
         }
-        let mut bounds = [0.0; 4];
         for (k, at) in [x, y].into_iter().enumerate() {
             let (low, high) = (at - radius, at + radius);
             let low = low / if low > 0.0 { far } else { near };
             let high = high / if high > 0.0 { near } else { far };
             let center = self.view.principal[k] - self.rectangle.origin[k] as f32;
-            bounds[k] = self.view.focal[k] * low + center - super::BORDER_PX;
-            bounds[k + 2] = self.view.focal[k] * high + center + super::BORDER_PX;
+            let low = self.view.focal[k] * low + center - super::BORDER_PX;
+            let high = self.view.focal[k] * high + center + super::BORDER_PX;
+            // Negative ones become 0.
+            bounds[2 * k] = (low as usize / BLOCK).min(last[k]);
+            bounds[2 * k + 1] = (high as usize / BLOCK).min(last[k]);
         }
-        bounds
+        let [left, right, top, bottom] = bounds.map(|v| v as u32);
+        Blocks::new(left, right, top, bottom)
     }
 
     /// Appends the sprites of a block.
@@ -229,35 +233,68 @@ impl<'a> Camera<'a> {
         }
         let color = color(&offset, baked.degree(), rows);
         let inverse = s(1.0) / determinant;
-        let mut values: [Row; Sprite::VALUES] = [[0.0; LANES]; Sprite::VALUES];
+        let size = self.rectangle.size;
+        let slack = s(SLACK_PX);
+        let left = block_bits(mean[0] - extent[0] - slack, size[0]);
+        let right = block_bits(mean[0] + extent[0] + slack, size[0]);
+        let top = block_bits(mean[1] - extent[1] - slack, size[1]);
+        let bottom = block_bits(mean[1] + extent[1] + slack, size[1]);
+        let mut values: [Row; 12] = [[0.0; LANES]; 12];
         mean[0].store(&mut values[0]);
         mean[1].store(&mut values[1]);
-        extent[0].store(&mut values[2]);
-        extent[1].store(&mut values[3]);
-        (yy * inverse).store(&mut values[4]);
-        (-xy * inverse).store(&mut values[5]);
-        (xx * inverse).store(&mut values[6]);
-        inverse.store(&mut values[7]);
-        reach.store(&mut values[8]);
-        opacity.store(&mut values[9]);
-        color[0].store(&mut values[10]);
-        color[1].store(&mut values[11]);
-        color[2].store(&mut values[12]);
-        z.store(&mut values[13]);
+        (yy * inverse).store(&mut values[2]);
+        (-xy * inverse).store(&mut values[3]);
+        (xx * inverse).store(&mut values[4]);
+        inverse.store(&mut values[5]);
+        reach.store(&mut values[6]);
+        opacity.store(&mut values[7]);
+        color[0].store(&mut values[8]);
+        color[1].store(&mut values[9]);
+        color[2].store(&mut values[10]);
+        z.store(&mut values[11]);
         while visible != 0 {
-            let lane = visible.trailing_zeros() as usize % LANES;
+            let i = visible.trailing_zeros() as usize % LANES;
             visible &= visible - 1;
-            let mut sprite = Sprite::default();
-            for (value, lanes) in sprite.0.iter_mut().zip(&values) {
-                *value = lanes[lane];
+            let blocks = Blocks::new(
+                left[i] & MASK,
+                right[i] & MASK,
+                top[i] & MASK,
+                bottom[i] & MASK,
+            );
+            if !scratch.pixels.is_open(blocks) {
+                continue;
             }
-            if scratch.pixels.is_open(&sprite.bounds()) {
-                let index = scratch.sprites.len() as u32;
-                scratch.waiting.push((sprite.z_m().to_bits(), index));
-                scratch.sprites.push(sprite);
+            let v = &values;
+            let index = scratch.sprites.len() as u32;
+            scratch.waiting.push((v[11][i].to_bits(), index));
+            scratch.sprites.push(Sprite {
+                mean: [v[0][i], v[1][i]],
+                conic: [v[2][i], v[3][i], v[4][i], v[5][i]],
+                reach: v[6][i],
+                opacity: v[7][i],
+                color: [v[8][i], v[9][i], v[10][i]],
+                z: v[11][i],
+                blocks,
+            });
+        }
+    }
+}
+
+/// Moves the keys of sprites nearer than a depth, given by its bits, into another list.
+fn take_nearer(waiting: &mut Vec<Key>, end: u32, nearer: &mut Vec<Key>) {
+    nearer.clear();
+    let mut kept = 0;
+    for at in 0..waiting.len() {
+        let key = waiting[at];
+        match key.0 < end {
+            true => nearer.push(key),
+            false => {
+                waiting[kept] = key;
+                kept += 1;
             }
         }
     }
+    waiting.truncate(kept);
 }
 
 /// Twice the natural logarithms, one lane after the other.
