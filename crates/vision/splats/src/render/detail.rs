@@ -22,6 +22,7 @@ use rayon::prelude::*;
 
 use self::baked::Baked;
 use self::clusters::{Candidate, Clusters, Level, Sphere};
+use self::merge::Merging;
 use self::region::{Camera as RegionCamera, Rectangle};
 use super::forward::Renderer;
 use super::image::Image;
@@ -56,6 +57,9 @@ config! {
         pub max_sigma_px: f32 = 0.6,
         /// Gaussians are merged only up to this factor on their largest scale.
         pub max_growth: f32 = 6.0,
+        /// Dilation of the images in which coarser levels are used, px²: that of
+        /// [`RenderConfig`], or 0 with its compensation.
+        pub dilation_px2: f32 = 0.3,
         /// Alpha below which a Gaussian does not contribute to a pixel of a camera without
         /// distortion and motion.
         pub min_alpha: f32 = 1.0 / 255.0,
@@ -238,10 +242,16 @@ impl Renderer {
 
 /// A cluster's Gaussians, level by level.
 fn levels(splats: Splats, config: &DetailConfig) -> Vec<Splats> {
+    let dilation = f64::from(config.dilation_px2).sqrt() / f64::from(config.max_sigma_px);
+    let merging = Merging {
+        count: config.merge,
+        max_growth: config.max_growth,
+        dilation: if dilation.is_finite() { dilation } else { 0.0 },
+    };
     let mut levels = vec![splats];
     while levels.len() <= config.levels {
         let last = &levels[levels.len() - 1];
-        let merged = merge::neighbors(last, config.merge, config.max_growth);
+        let merged = merge::neighbors(last, &merging);
         if merged.len() == last.len() {
             break;
         }
