@@ -26,7 +26,7 @@ use crate::terrain::walks::transform;
 
 const EXAMPLE_RIG: &str = include_str!("../../../../../cad-transforms/rigs/example.toml");
 const RATE_HZ: f64 = 15.0;
-const SIZE: [u32; 2] = [672, 376];
+const SIZE: [u32; 2] = [448, 252];
 const SECONDS: f64 = 40.0;
 /// Keyframes are at least this far apart.
 const SPACING_M: f64 = 0.8;
@@ -36,15 +36,15 @@ const STEP_NS: i64 = 10_000_000;
 /// Disparity error of depths, px, and baseline and focal length of the stereo cameras that would
 /// have it.
 const DISPARITY_SIGMA_PX: f32 = 0.15;
-const FOCAL_BASELINE_PX_M: f32 = 22.0;
+const FOCAL_BASELINE_PX_M: f32 = 15.0;
 /// Farthest depth that a start uses, m.
 const MAX_DEPTH_M: f32 = 25.0;
 /// Texels along an edge of the sky.
 const SKY_SIZE: usize = 32;
 /// Steps of a training, and its largest number of Gaussians.
-const STEPS: usize = 1500;
-const MAX_SPLATS: usize = 250_000;
-const START_POINTS: usize = 180_000;
+const STEPS: usize = 800;
+const MAX_SPLATS: usize = 200_000;
+const START_POINTS: usize = 130_000;
 /// The red, green and blue of the sky before training.
 const SKY_COLOR: [f32; 3] = [0.6, 0.7, 0.9];
 
@@ -63,7 +63,7 @@ pub(super) const WALKS: [Walk; 3] = [
 ];
 
 /// The walks on which the defaults of `DetailConfig` were chosen.
-pub(super) const TUNING: [Walk; 2] = [walk(Kind::Pavement, 421), walk(Kind::Stairs, 422)];
+pub(super) const TUNING: [Walk; 1] = [walk(Kind::Pavement, 421)];
 
 const fn walk(kind: Kind, seed: u64) -> Walk {
     Walk { kind, seed }
@@ -201,6 +201,7 @@ impl Recording {
         let mut config = TrainConfig::default();
         config.steps = STEPS;
         config.degree = 0;
+        config.growth.interval = 100;
         // At half size from the beginning to the end.
         (config.quarter_until, config.full_from) = (0.1, 2.0);
         config.growth.max_splats = MAX_SPLATS;

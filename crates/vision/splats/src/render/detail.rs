@@ -1,15 +1,15 @@
 //! Level of detail: fewer, larger Gaussians where the originals would be smaller than pixels.
 //!
-//! Neighbors along a Morton curve form clusters. Each cluster has levels, in each of which about
-//! four Gaussians of the level below are [merged](merge). A camera takes of each cluster that it
-//! can see the coarsest level whose Gaussians stay small in the image. Its image is rendered
-//! cluster by cluster from front to back, and what only complete pixels would show is left out
-//! ([`region`]). The price is stated by comparison with [`Renderer::render`].
+//! Neighbors along a Morton curve form clusters. Neighboring clusters form the [nodes] of a
+//! hierarchy, with their Gaussians [merged](merge). A camera takes of each branch that it can see
+//! the highest node whose Gaussians stay small in the image. Its image is rendered node by node from
+//! front to back, and what only complete pixels would show is left out ([`region`]). The price is
+//! stated by comparison with [`Renderer::render`].
 
 mod baked;
-mod clusters;
 mod image;
 mod merge;
+mod nodes;
 mod pixels;
 mod region;
 #[cfg(test)]
@@ -21,8 +21,8 @@ use estimator_config::config;
 use rayon::prelude::*;
 
 use self::baked::Baked;
-use self::clusters::{Candidate, Clusters, Level, Sphere};
 use self::merge::Merging;
+use self::nodes::{Node, Nodes, Sphere};
 use self::region::{Camera as RegionCamera, Rectangle};
 use super::forward::Renderer;
 use super::image::Image;
@@ -30,7 +30,6 @@ use super::view::View;
 use crate::camera::Camera;
 use crate::config::RenderConfig;
 use crate::error::SplatError;
-use crate::lanes::{Kernel, Lanes, Level as Instructions};
 use crate::scene::{Exposure, Plane, Scene, Splats, morton_order};
 
 /// Ranges of Gaussians of a task of projection.
@@ -39,6 +38,9 @@ const RANGES_PER_TASK: usize = 64;
 /// Standard deviations from a mean beyond which a Gaussian has no pixels: `√(2 ln 255)`.
 const REACH_SIGMAS: f32 = 3.33;
 
+/// A level that has more than this share of the Gaussians below it is none.
+const MAX_SHARE: f64 = 0.9;
+
 /// Border of an image within which Gaussians of any size may have pixels because of dilation, px.
 const BORDER_PX: f32 = 2.0;
 
@@ -46,11 +48,11 @@ config! {
     /// Configuration of [`DetailScene`].
     pub struct DetailConfig {
         /// Gaussians of a cluster. More are culled and coarsened together.
-        pub cluster: usize = 128,
-        /// Gaussians that one of the next level replaces.
-        pub merge: usize = 4,
+        pub cluster: usize = 64,
+        /// Gaussians that one of the next level replaces, and clusters that it joins.
+        pub merge: usize = 2,
         /// Number of levels above the originals.
-        pub levels: usize = 4,
+        pub levels: usize = 10,
         /// Largest scale in the image that Gaussians of a coarser level may have, px: the mean over
         /// the cluster of the largest axis. More is faster and less sharp: on a wall of fine
         /// texture 0.6 halves the Gaussians at 39 dB, 0.8 leaves a quarter at 31 dB.
@@ -99,10 +101,10 @@ config! {
 /// ```
 #[derive(Clone, Debug)]
 pub struct DetailScene {
-    /// Gaussians of all levels, cluster by cluster.
+    /// Gaussians of all levels, node by node.
     scene: Scene,
     baked: Baked,
-    clusters: Clusters,
+    nodes: Nodes,
     config: DetailConfig,
 }
 
@@ -122,36 +124,46 @@ impl DetailScene {
         setting("cluster", config.cluster, 8..1 << 16, "8 to 65535")?;
         setting("merge", config.merge, 2..65, "2 to 64")?;
         setting("levels", config.levels, 0..17, "0 to 16")?;
+        let threshold = |name, found: f32, valid: bool, expected| match valid {
+            true => Ok(()),
+            false => Err(SplatError::Setting {
+                name,
+                found: f64::from(found),
+                expected,
+            }),
+        };
+        let (alpha, rest) = (config.min_alpha, config.min_transmittance);
+        let is_share = alpha > 0.0 && alpha < 1.0;
+        threshold("min_alpha", alpha, is_share, "above 0 and below 1")?;
+        let is_small = (0.0..0.5).contains(&rest);
+        threshold("min_transmittance", rest, is_small, "0 to 0.5")?;
         let order = morton_order(&scene.splats);
-        let built: Vec<Vec<Splats>> = order
+        let mut level: Vec<Splats> = order
             .par_chunks(config.cluster)
-            .map(|indices| levels(scene.splats.select(indices), config))
+            .map(|indices| scene.splats.select(indices))
             .collect();
-        let mut planes = vec![Vec::new(); Plane::count(scene.splats.degree())];
-        let mut baked = Baked::new(scene.splats.degree());
-        let mut clusters = Clusters::default();
-        for levels in built {
-            let mut of_cluster = Vec::with_capacity(levels.len());
-            for splats in &levels {
-                let (start, first_block) = (planes[0].len(), baked.blocks());
-                for (all, plane) in planes.iter_mut().zip(splats.planes()) {
-                    all.extend(plane);
-                }
-                baked.extend(splats);
-                of_cluster.push(Level {
-                    range: start..planes[0].len(),
-                    blocks: first_block..baked.blocks(),
-                    sigma_m: mean_sigma_m(splats),
-                });
+        let mut built = Built::new(scene.splats.degree());
+        built.add(&level, 0);
+        let merging = Merging::new(config);
+        for _ in 0..config.levels {
+            let merged: Vec<Splats> = level
+                .par_chunks(config.merge)
+                .map(|children| merge::neighbors(&joined(children), &merging))
+                .collect();
+            let count = |level: &[Splats]| level.iter().map(Splats::len).sum::<usize>();
+            // Few could be merged.
+            if count(&merged) as f64 > MAX_SHARE * count(&level) as f64 {
+                break;
             }
-            clusters.push(&sphere(&levels), of_cluster);
+            built.add(&merged, config.merge);
+            level = merged;
         }
-        let splats = Splats::from_planes(scene.splats.degree(), planes)?;
+        let splats = Splats::from_planes(scene.splats.degree(), built.planes)?;
         let background = scene.background.clone();
         Ok(Self {
             scene: Scene { splats, background },
-            baked,
-            clusters,
+            baked: built.baked,
+            nodes: built.nodes,
             config: *config,
         })
     }
@@ -160,53 +172,79 @@ impl DetailScene {
     pub fn count(&self, camera: &Camera) -> usize {
         let config = RenderConfig::default();
         let view = View::new(camera, &config);
-        let ranges = self.ranges(&view, &config, Instructions::best());
-        ranges.iter().map(|range| range.len()).sum()
+        self.ranges(&view, &config).iter().map(Range::len).sum()
     }
 
-    /// Gaussians of the clusters that a camera can see, at their levels.
-    fn ranges(
-        &self,
-        view: &View,
-        config: &RenderConfig,
-        instructions: Instructions,
-    ) -> Vec<Range<usize>> {
-        let mut found = instructions.run(Find {
-            scene: self,
-            view,
-            config,
-        });
-        // As they lie in memory.
-        found.sort_unstable_by_key(|candidate| candidate.cluster);
-        let levels = found.iter().map(|candidate| self.clusters.level(candidate));
-        levels.map(|level| level.range.clone()).collect()
-    }
-}
-
-/// Clusters that a camera can see.
-struct Find<'a> {
-    scene: &'a DetailScene,
-    view: &'a View,
-    config: &'a RenderConfig,
-}
-
-impl Kernel for Find<'_> {
-    type Output = Vec<Candidate>;
-
-    #[inline(always)]
-    fn run<V: Lanes>(self) -> Self::Output {
+    /// Gaussians of the nodes that a camera takes, as they lie in memory.
+    fn ranges(&self, view: &View, config: &RenderConfig) -> Vec<Range<usize>> {
         let whole = Rectangle {
             origin: [0; 2],
-            size: [self.view.width, self.view.height],
+            size: [view.width, view.height],
         };
-        let camera = RegionCamera::new(self.view, whole, self.config, &self.scene.config);
-        let mut found = Vec::new();
-        let max_sigma_px = self.scene.config.max_sigma_px;
-        self.scene
-            .clusters
-            .find::<V>(&camera, max_sigma_px, &mut found);
-        found
+        let camera = RegionCamera::new(view, whole, config, &self.config);
+        let (mut open, mut found) = (Vec::new(), Vec::new());
+        let max_sigma_px = self.config.max_sigma_px;
+        self.nodes.find(&camera, max_sigma_px, &mut open, &mut found);
+        found.sort_unstable_by_key(|candidate| candidate.node);
+        let nodes = found.iter().map(|found| &self.nodes.all[found.node as usize]);
+        nodes.map(|node| node.range.clone()).collect()
     }
+}
+
+/// What a scene consists of, while its levels are made.
+struct Built {
+    planes: Vec<Vec<f32>>,
+    baked: Baked,
+    nodes: Nodes,
+}
+
+impl Built {
+    fn new(degree: usize) -> Self {
+        Self {
+            planes: vec![Vec::new(); Plane::count(degree)],
+            baked: Baked::new(degree),
+            nodes: Nodes::default(),
+        }
+    }
+
+    /// Adds a level above the last one, each node of which has some nodes of that one as children;
+    /// the leaves have none.
+    fn add(&mut self, level: &[Splats], children: usize) {
+        let below = self.nodes.roots.clone();
+        let first = self.nodes.all.len();
+        for (number, splats) in level.iter().enumerate() {
+            let (start, first_block) = (self.planes[0].len(), self.baked.blocks());
+            for (all, plane) in self.planes.iter_mut().zip(splats.planes()) {
+                all.extend(plane);
+            }
+            self.baked.extend(splats);
+            let from = below.start + number * children;
+            let children = from..(from + children).min(below.end);
+            let spheres: Vec<Sphere> = children
+                .clone()
+                .map(|child| self.nodes.all[child].sphere)
+                .collect();
+            self.nodes.all.push(Node {
+                sphere: sphere(splats, &spheres),
+                range: start..self.planes[0].len(),
+                blocks: first_block..self.baked.blocks(),
+                sigma_m: mean_sigma_m(splats),
+                children,
+            });
+        }
+        self.nodes.roots = first..self.nodes.all.len();
+    }
+}
+
+/// Several clusters as one.
+fn joined(parts: &[Splats]) -> Splats {
+    let mut all = parts[0].clone();
+    for part in &parts[1..] {
+        for i in 0..part.len() {
+            all.push(&part.get(i)).expect("a Gaussian of the scene itself");
+        }
+    }
+    all
 }
 
 impl Renderer {
@@ -221,7 +259,7 @@ impl Renderer {
         if view.lens.is_none() && view.rolling.is_none() {
             return image::render(self, scene, &view, exposure);
         }
-        let ranges = scene.ranges(&view, &self.config, self.level);
+        let ranges = scene.ranges(&view, &self.config);
         let pass = self.forward_ranges(&scene.scene, &ranges, RANGES_PER_TASK, camera, exposure);
         pass.image
     }
@@ -240,26 +278,6 @@ impl Renderer {
     }
 }
 
-/// A cluster's Gaussians, level by level.
-fn levels(splats: Splats, config: &DetailConfig) -> Vec<Splats> {
-    let dilation = f64::from(config.dilation_px2).sqrt() / f64::from(config.max_sigma_px);
-    let merging = Merging {
-        count: config.merge,
-        max_growth: config.max_growth,
-        dilation: if dilation.is_finite() { dilation } else { 0.0 },
-    };
-    let mut levels = vec![splats];
-    while levels.len() <= config.levels {
-        let last = &levels[levels.len() - 1];
-        let merged = merge::neighbors(last, &merging);
-        if merged.len() == last.len() {
-            break;
-        }
-        levels.push(merged);
-    }
-    levels
-}
-
 fn largest_sigma_m(splats: &Splats, index: usize) -> f32 {
     let scales = &splats.planes()[Plane::SCALE..Plane::SCALE + 3];
     let log = scales.iter().map(|plane| plane[index]);
@@ -271,17 +289,12 @@ fn mean_sigma_m(splats: &Splats) -> f32 {
     sum / splats.len().max(1) as f32
 }
 
-/// The sphere around all levels of a cluster.
-fn sphere(levels: &[Splats]) -> Sphere {
-    let means = || {
-        let all = levels
-            .iter()
-            .flat_map(|splats| (0..splats.len()).map(move |i| (splats, i)));
-        all.map(|(splats, i)| (splats.get(i).position_m, largest_sigma_m(splats, i)))
-    };
+/// The sphere around Gaussians and other spheres.
+fn sphere(splats: &Splats, others: &[Sphere]) -> Sphere {
+    let means = || (0..splats.len()).map(|i| splats.get(i).position_m);
     let mut low = [f32::INFINITY; 3];
     let mut high = [f32::NEG_INFINITY; 3];
-    for (position, _) in means() {
+    for position in means() {
         for k in 0..3 {
             low[k] = low[k].min(position[k]);
             high[k] = high[k].max(position[k]);
@@ -292,12 +305,19 @@ fn sphere(levels: &[Splats]) -> Sphere {
         let square: f32 = (0..3).map(|k| (position[k] - center[k]).powi(2)).sum();
         square.sqrt()
     };
-    let reach = means().map(|(position, sigma)| distance(position) + REACH_SIGMAS * sigma);
+    let (mut radius_m, mut spread_m) = (0.0_f32, 0.0_f32);
+    for (i, position) in means().enumerate() {
+        spread_m = spread_m.max(distance(position));
+        radius_m = radius_m.max(distance(position) + REACH_SIGMAS * largest_sigma_m(splats, i));
+    }
+    for other in others {
+        let distance = distance(other.center);
+        spread_m = spread_m.max(distance + other.spread_m);
+        radius_m = radius_m.max(distance + other.radius_m);
+    }
     Sphere {
         center,
-        radius_m: reach.fold(0.0, f32::max),
-        spread_m: means()
-            .map(|(position, _)| distance(position))
-            .fold(0.0, f32::max),
+        radius_m,
+        spread_m,
     }
 }

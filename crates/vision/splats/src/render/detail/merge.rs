@@ -8,6 +8,7 @@
 
 use nalgebra::{Matrix3, Quaternion, Rotation3, UnitQuaternion, Vector3};
 
+use super::DetailConfig;
 use crate::scene::{MAX_DEGREE, Splat, Splats, coefficients};
 
 /// Largest opacity of a merged Gaussian.
@@ -25,6 +26,18 @@ pub(super) struct Merging {
     pub(super) max_growth: f32,
     /// Standard deviation of the dilation, as a share of the largest scale of the merged Gaussian.
     pub(super) dilation: f64,
+}
+
+impl Merging {
+    pub(super) fn new(config: &DetailConfig) -> Self {
+        let dilation = f64::from(config.dilation_px2).sqrt() / f64::from(config.max_sigma_px);
+        Self {
+            count: config.merge,
+            max_growth: config.max_growth,
+            // Without coarser levels it has no meaning.
+            dilation: if dilation.is_finite() { dilation } else { 0.0 },
+        }
+    }
 }
 
 /// Each run of neighbors as one Gaussian, unless it would be too large.

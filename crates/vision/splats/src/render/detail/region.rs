@@ -7,7 +7,7 @@
 
 use super::{DetailConfig, DetailScene};
 use super::baked::{self, Row, load3};
-use super::clusters::Candidate;
+use super::nodes::Candidate;
 use super::pixels::{BLOCK, Blocks, Pixels, Sprite, block_bits};
 use crate::config::RenderConfig;
 use crate::harmonics;
@@ -39,6 +39,8 @@ pub(super) struct Rectangle {
 #[derive(Debug, Default)]
 pub(super) struct Scratch {
     pub(super) pixels: Pixels,
+    /// Nodes to visit.
+    open: Vec<usize>,
     candidates: Vec<Candidate>,
     sprites: Vec<Sprite>,
     /// Bits of the depth and index of sprites that are not blended yet.
@@ -68,10 +70,15 @@ impl Kernel for Region<'_> {
         scratch.pixels.clear(self.rectangle.size);
         scratch.sprites.clear();
         scratch.waiting.clear();
-        let clusters = &self.scene.clusters;
+        let nodes = &self.scene.nodes;
         let detail = &self.scene.config;
         let camera = Camera::new(self.view, self.rectangle, self.config, detail);
-        clusters.find::<V>(&camera, self.scene.config.max_sigma_px, &mut scratch.candidates);
+        nodes.find(
+            &camera,
+            detail.max_sigma_px,
+            &mut scratch.open,
+            &mut scratch.candidates,
+        );
         let mut next = 0;
         loop {
             let mut blocks = 0;
@@ -81,7 +88,7 @@ impl Kernel for Region<'_> {
                 if !scratch.pixels.is_open(camera.blocks_of(&candidate)) {
                     continue;
                 }
-                let range = clusters.blocks(&candidate);
+                let range = nodes.all[candidate.node as usize].blocks.clone();
                 blocks += range.len();
                 for block in range {
                     camera.project::<V>(&self.scene.baked, block, scratch);

@@ -135,8 +135,16 @@ fn same_bytes_with_every_instruction_set_and_any_number_of_threads() {
     }
 }
 
+fn merging(count: usize, max_growth: f32) -> Merging {
+    Merging {
+        count,
+        max_growth,
+        dilation: 0.0,
+    }
+}
+
 #[test]
-fn merged_gaussians_keep_mean_covariance_and_mass() {
+fn merged_gaussians_keep_mean_covariance_and_optical_depth() {
     // Two halves of a Gaussian, as growth splits it.
     let mut splats = Splats::empty(0).unwrap();
     for x in [-0.06, 0.06] {
@@ -145,7 +153,7 @@ fn merged_gaussians_keep_mean_covariance_and_mass() {
         splat.log_scale = [0.08_f32.ln(), 0.1_f32.ln(), 0.03_f32.ln()];
         splats.push(&splat).unwrap();
     }
-    let merged = merge::neighbors(&splats, 2, 2.0);
+    let merged = merge::neighbors(&splats, &merging(2, 2.0));
     assert_eq!(merged.len(), 1);
     let found = merged.get(0);
     let mut scale = found.log_scale.map(f32::exp);
@@ -154,17 +162,23 @@ fn merged_gaussians_keep_mean_covariance_and_mass() {
         assert!((found - expected).abs() < 1e-5, "{scale:?}");
     }
     assert!((found.position_m[0] - 1.0).abs() < 1e-6);
-    // 2 * 0.5 * 0.08 * 0.1 = 0.8 * 0.1 * 0.1
+    // Optical depth times area: 2 * ln 2 * 0.08 * 0.1 = 1.109 * 0.1 * 0.1.
     let opacity = 1.0 / (1.0 + (-found.opacity_logit).exp());
-    assert!((opacity - 0.8).abs() < 1e-4, "{opacity}");
+    assert!((opacity - (1.0 - (-1.109_f32).exp())).abs() < 1e-3, "{opacity}");
+    // Two that cover each other hide what both together hide.
+    let mut splats = splats.select(&[0]);
+    splats.push(&splats.get(0)).unwrap();
+    let found = merge::neighbors(&splats, &merging(2, 2.0)).get(0);
+    let opacity = 1.0 / (1.0 + (-found.opacity_logit).exp());
+    assert!((opacity - 0.75).abs() < 1e-3, "{opacity}");
     // Distant ones remain.
-    let mut far = splats.clone();
+    let mut far = splats.select(&[0, 1]);
     far.push(&Splat {
         position_m: [50.0, 0.0, 0.0],
         ..splats.get(0)
     })
     .unwrap();
-    assert_eq!(merge::neighbors(&far, 3, 6.0), far);
+    assert_eq!(merge::neighbors(&far, &merging(3, 6.0)), far);
 }
 
 #[test]
@@ -202,9 +216,21 @@ fn coarser_levels_need_fewer_gaussians_at_a_stated_price() {
         last = count;
     }
     assert!(last < 6000, "{last}");
-    let config = DetailConfig {
-        merge: 1,
-        ..DetailConfig::default()
-    };
-    assert!(DetailScene::new(&exact, &config).is_err());
+    let default = DetailConfig::default();
+    for config in [
+        DetailConfig {
+            merge: 1,
+            ..default
+        },
+        DetailConfig {
+            min_alpha: 0.0,
+            ..default
+        },
+        DetailConfig {
+            min_transmittance: 0.7,
+            ..default
+        },
+    ] {
+        assert!(DetailScene::new(&exact, &config).is_err(), "{config:?}");
+    }
 }
