@@ -55,8 +55,7 @@ pub(super) fn reference_poses(
             .par_iter()
             .map(|number| {
                 let pose = pose(path, *number);
-                let image =
-                    renderer.render(scene, &camera([EDGE; 2], &pose)?, &Exposure::NONE);
+                let image = renderer.render(scene, &camera([EDGE; 2], &pose)?, &Exposure::NONE);
                 let share = |hits: usize| hits as f64 / image.alpha.len() as f64;
                 let sky = image.alpha.iter().filter(|alpha| **alpha < 0.5).count();
                 let depths = image.median_depth_m.iter();

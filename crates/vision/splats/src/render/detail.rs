@@ -1,12 +1,12 @@
 //! Level of detail: fewer, larger Gaussians where the originals would be smaller than pixels.
 //!
-//! Neighbors along a Morton curve form clusters. Neighboring clusters form the [nodes] of a
-//! hierarchy, with their Gaussians [merged](merge). A camera takes of each branch that it can see
+//! Neighbors form clusters, [halves] of halves of the scene, and these the [nodes] of a hierarchy, with their Gaussians [merged](merge). A camera takes of each branch that it can see
 //! the highest node whose Gaussians stay small in the image. Its image is rendered node by node from
 //! front to back, and what only complete pixels would show is left out ([`region`]). The price is
 //! stated by comparison with [`Renderer::render`].
 
 mod baked;
+mod halves;
 mod image;
 mod merge;
 mod nodes;
@@ -30,7 +30,7 @@ use super::view::View;
 use crate::camera::Camera;
 use crate::config::RenderConfig;
 use crate::error::SplatError;
-use crate::scene::{Exposure, Plane, Scene, Splats, morton_order};
+use crate::scene::{Exposure, Plane, Scene, Splats};
 
 /// Ranges of Gaussians of a task of projection.
 const RANGES_PER_TASK: usize = 64;
@@ -137,7 +137,7 @@ impl DetailScene {
         threshold("min_alpha", alpha, is_share, "above 0 and below 1")?;
         let is_small = (0.0..0.5).contains(&rest);
         threshold("min_transmittance", rest, is_small, "0 to 0.5")?;
-        let order = morton_order(&scene.splats);
+        let order = halves::order(&scene.splats);
         let mut level: Vec<Splats> = order
             .par_chunks(config.cluster)
             .map(|indices| scene.splats.select(indices))
@@ -184,9 +184,12 @@ impl DetailScene {
         let camera = RegionCamera::new(view, whole, config, &self.config);
         let (mut open, mut found) = (Vec::new(), Vec::new());
         let max_sigma_px = self.config.max_sigma_px;
-        self.nodes.find(&camera, max_sigma_px, &mut open, &mut found);
+        self.nodes
+            .find(&camera, max_sigma_px, &mut open, &mut found);
         found.sort_unstable_by_key(|candidate| candidate.node);
-        let nodes = found.iter().map(|found| &self.nodes.all[found.node as usize]);
+        let nodes = found
+            .iter()
+            .map(|found| &self.nodes.all[found.node as usize]);
         nodes.map(|node| node.range.clone()).collect()
     }
 }
@@ -241,7 +244,8 @@ fn joined(parts: &[Splats]) -> Splats {
     let mut all = parts[0].clone();
     for part in &parts[1..] {
         for i in 0..part.len() {
-            all.push(&part.get(i)).expect("a Gaussian of the scene itself");
+            all.push(&part.get(i))
+                .expect("a Gaussian of the scene itself");
         }
     }
     all

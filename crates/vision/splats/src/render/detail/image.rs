@@ -54,7 +54,9 @@ pub(super) fn render(
                     config: &renderer.config,
                     scratch,
                 });
-                finish(scene, scratch, view, rectangle, exposure, renderer, &mut band);
+                finish(
+                    scene, scratch, view, rectangle, exposure, renderer, &mut band,
+                );
             });
         }
     };
@@ -85,36 +87,41 @@ fn finish(
     let config = &renderer.config;
     let sky = SkyView::new(&scene.scene, view);
     let is_changed = *exposure != Exposure::NONE;
-    for row in 0..rectangle.size[1] {
-        for column in 0..rectangle.size[0] {
-            let cell = scratch.pixels.cell(row, column / LANES);
-            let lane = column % LANES;
-            let transmittance = cell.transmittance[lane];
-            let pixel = row * view.width + left + column;
-            let mut color = [0, 1, 2].map(|c: usize| cell.rgb[c][lane]);
-            let alpha = 1.0 - transmittance.abs();
-            if transmittance > 0.0 {
-                let behind = sky.color(left + column, top + row, transmittance, config);
-                for (value, behind) in color.iter_mut().zip(behind) {
-                    *value += behind * transmittance;
+    let [width, height] = rectangle.size;
+    for row in 0..height {
+        for first in (0..width).step_by(LANES) {
+            let cell = scratch.pixels.cell(row, first / LANES);
+            for lane in 0..LANES.min(width - first) {
+                let column = left + first + lane;
+                let pixel = row * view.width + column;
+                let transmittance = cell.transmittance[lane];
+                let mut color = [0, 1, 2].map(|c: usize| cell.rgb[c][lane]);
+                let mut alpha = 1.0 - transmittance.abs();
+                let depth = match alpha >= config.min_depth_alpha {
+                    true => cell.depth[lane] / alpha,
+                    false => f32::NAN,
+                };
+                if transmittance > 0.0 {
+                    let behind = sky.color(column, top + row, transmittance, config);
+                    for (value, behind) in color.iter_mut().zip(behind) {
+                        *value += behind * transmittance;
+                    }
+                } else {
+                    // What is hidden is taken to look like what hides it.
+                    color = color.map(|value| value / alpha);
+                    alpha = 1.0;
                 }
-            } else {
-                // What is hidden is taken to look like what hides it.
-                color = color.map(|value| value / alpha);
+                if is_changed {
+                    color = exposure.apply(color);
+                }
+                for (plane, value) in band.rgb.iter_mut().zip(color) {
+                    plane[pixel] = value;
+                }
+                band.expected[pixel] = depth;
+                let median = cell.median[lane];
+                band.median[pixel] = if median > 0.0 { median } else { f32::NAN };
+                band.alpha[pixel] = alpha;
             }
-            if is_changed {
-                color = exposure.apply(color);
-            }
-            for (plane, value) in band.rgb.iter_mut().zip(color) {
-                plane[pixel] = value;
-            }
-            band.expected[pixel] = match alpha >= config.min_depth_alpha {
-                true => cell.depth[lane] / alpha,
-                false => f32::NAN,
-            };
-            let median = cell.median[lane];
-            band.median[pixel] = if median > 0.0 { median } else { f32::NAN };
-            band.alpha[pixel] = if transmittance > 0.0 { alpha } else { 1.0 };
         }
     }
 }

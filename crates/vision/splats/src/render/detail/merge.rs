@@ -77,8 +77,7 @@ fn merge(members: &[Splat], dilation: f64) -> Option<Splat> {
     let mixture = Mixture::of(members, dilation_m)?;
     let optical_depth = mixture.weight / area(&mixture.scale, dilation_m);
     let opacity = (1.0 - libm::exp(-optical_depth)).min(MAX_OPACITY);
-    let q =
-        UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(mixture.axes));
+    let q = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(mixture.axes));
     Some(Splat {
         position_m: mixture.mean.map(|v| v as f32).into(),
         log_scale: mixture.scale.map(|s| libm::log(s) as f32).into(),

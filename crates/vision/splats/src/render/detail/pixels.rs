@@ -101,8 +101,7 @@ impl Pixels {
     pub(super) fn clear(&mut self, size: [usize; 2]) {
         [self.columns, self.rows] = size.map(|size| size.div_ceil(BLOCK));
         self.blocks.clear();
-        self.blocks
-            .resize(self.columns * self.rows, [EMPTY; BLOCK]);
+        self.blocks.resize(self.columns * self.rows, [EMPTY; BLOCK]);
         self.open_rows.clear();
         self.open_rows.resize(self.columns * self.rows, 0xff);
         self.open = [0; MAX_BLOCKS];

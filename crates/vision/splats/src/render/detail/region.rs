@@ -5,10 +5,10 @@
 //! only complete pixels are left out, before or after their projection: in a dense scene these are
 //! most of them.
 
-use super::{DetailConfig, DetailScene};
 use super::baked::{self, Row, load3};
 use super::nodes::Candidate;
 use super::pixels::{BLOCK, Blocks, Pixels, Sprite, block_bits};
+use super::{DetailConfig, DetailScene};
 use crate::config::RenderConfig;
 use crate::harmonics;
 use crate::lanes::{Kernel, LANES, Lanes};
@@ -102,7 +102,9 @@ impl Kernel for Region<'_> {
             sort(&mut scratch.ready, &mut scratch.other);
             for (_, index) in &scratch.ready {
                 let sprite = &scratch.sprites[*index as usize];
-                scratch.pixels.blend::<V>(sprite, &self.scene.config, self.config.max_alpha);
+                scratch
+                    .pixels
+                    .blend::<V>(sprite, &self.scene.config, self.config.max_alpha);
             }
             if next == scratch.candidates.len() || scratch.pixels.is_complete() {
                 break;
@@ -174,7 +176,9 @@ impl<'a> Camera<'a> {
         }
         let rotation = splat3x3::<V>(&view.rotation);
         let z = dot(&rotation[2], &offset);
-        let hidden = z.less(s(self.config.near_m)).or(s(self.config.far_m).less(z));
+        let hidden = z
+            .less(s(self.config.near_m))
+            .or(s(self.config.far_m).less(z));
         let mut visible = hidden.bits() ^ 0xff;
         if visible == 0 {
             return;
@@ -188,9 +192,7 @@ impl<'a> Camera<'a> {
         let mut jacobian = rotation;
         for k in 0..2 {
             let slope = at[k] * inverse;
-            let bounded = slope
-                .max(s(view.slope_min[k]))
-                .min(s(view.slope_max[k]));
+            let bounded = slope.max(s(view.slope_min[k])).min(s(view.slope_max[k]));
             let scale = s(view.focal[k]) * inverse;
             let center = view.principal[k] - self.rectangle.origin[k] as f32;
             mean[k] = s(view.focal[k]).mul_add(slope, s(center));
@@ -199,7 +201,8 @@ impl<'a> Camera<'a> {
                 jacobian[k][i] = scale.mul_add(rotation[k][i], along * rotation[2][i]);
             }
             // The largest scale bounds the ellipse in every direction.
-            let square = (scale * scale).mul_add(bounded.mul_add(bounded, s(1.0)) * largest, dilation);
+            let square =
+                (scale * scale).mul_add(bounded.mul_add(bounded, s(1.0)) * largest, dilation);
             let extent = (square * reach.max(s(0.0))).sqrt();
             let last = s((self.rectangle.size[k] - 1) as f32);
             visible &= (-extent).less(mean[k]).bits() & mean[k].less(last + extent).bits();
@@ -213,7 +216,10 @@ impl<'a> Camera<'a> {
             load3::<V>(rows, baked::ROOT + 3),
             load3::<V>(rows, baked::ROOT + 6),
         ];
-        let root = [row_times(&jacobian[0], &root), row_times(&jacobian[1], &root)];
+        let root = [
+            row_times(&jacobian[0], &root),
+            row_times(&jacobian[1], &root),
+        ];
         let shape = Shape::new(&root, self.config.dilation_px2);
         let determinant = shape.determinant;
         visible &= s(0.0).less(determinant).bits();
@@ -383,5 +389,7 @@ pub(super) fn split(size: usize) -> Vec<(usize, usize)> {
     let parts = size.div_ceil(MAX_BLOCKS * BLOCK);
     let edge = size.div_ceil(parts * BLOCK) * BLOCK;
     let starts = (0..size).step_by(edge);
-    starts.map(|start| (start, edge.min(size - start))).collect()
+    starts
+        .map(|start| (start, edge.min(size - start)))
+        .collect()
 }

@@ -21,7 +21,7 @@ fn psnr_db(a: &Image, b: &Image) -> f64 {
 #[test]
 fn without_coarser_levels_culling_changes_nothing() {
     let splats = random_splats(4, 3000, 1);
-    let exact = scene(splats.select(&morton_order(&splats)));
+    let exact = scene(splats.select(&halves::order(&splats)));
     let config = DetailConfig {
         levels: 0,
         cluster: 64,
@@ -101,7 +101,8 @@ fn regions_show_what_the_exact_renderer_shows() {
             let alpha = difference(&found.alpha, &expected.alpha);
             assert!(alpha < 0.02, "{size:?}, degree {degree}: {alpha}");
             let depths = found.median_depth_m.iter().zip(&expected.median_depth_m);
-            let other = depths.filter(|(a, b)| !((*a - *b).abs() < 1e-3 || a.is_nan() == b.is_nan()));
+            let other =
+                depths.filter(|(a, b)| !((*a - *b).abs() < 1e-3 || a.is_nan() == b.is_nan()));
             let share = other.count() as f64 / found.alpha.len() as f64;
             assert!(share < 0.01, "{size:?}, degree {degree}: {share}");
         }
@@ -130,7 +131,10 @@ fn same_bytes_with_every_instruction_set_and_any_number_of_threads() {
     let expected = run(crate::Level::Portable, 1);
     for level in crate::Level::all() {
         for threads in [1, 4] {
-            assert!(run(level, threads) == expected, "{level:?}, {threads} threads");
+            assert!(
+                run(level, threads) == expected,
+                "{level:?}, {threads} threads"
+            );
         }
     }
 }
@@ -164,7 +168,10 @@ fn merged_gaussians_keep_mean_covariance_and_optical_depth() {
     assert!((found.position_m[0] - 1.0).abs() < 1e-6);
     // Optical depth times area: 2 * ln 2 * 0.08 * 0.1 = 1.109 * 0.1 * 0.1.
     let opacity = 1.0 / (1.0 + (-found.opacity_logit).exp());
-    assert!((opacity - (1.0 - (-1.109_f32).exp())).abs() < 1e-3, "{opacity}");
+    assert!(
+        (opacity - (1.0 - (-1.109_f32).exp())).abs() < 1e-3,
+        "{opacity}"
+    );
     // Two that cover each other hide what both together hide.
     let mut splats = splats.select(&[0]);
     splats.push(&splats.get(0)).unwrap();
