@@ -53,7 +53,9 @@ pub(crate) fn run(args: &[String]) -> Result<()> {
     fs::create_dir_all(&options.out)
         .with_context(|| format!("making {}", options.out.display()))?;
     let stamp = stamp::stamp("render", args)?;
-    let pool = rayon::ThreadPoolBuilder::new().num_threads(THREADS).build()?;
+    let pool = rayon::ThreadPoolBuilder::new()
+        .num_threads(THREADS)
+        .build()?;
     let path = options.out.join("render.json");
     let mut report = read(&path)?;
     for part in &options.parts {
@@ -88,6 +90,12 @@ impl Views {
     fn new(scene: &Reconstruction, options: &Options) -> Result<Self> {
         let renderer = Renderer::new(RenderConfig::default())?;
         let poses = reference_poses(&renderer, &scene.scene, &scene.path, options.views)?;
+        ensure!(
+            poses.len() == options.views,
+            "found {} views with less than half sky and nothing near, expected {}",
+            poses.len(),
+            options.views
+        );
         Ok(Self { renderer, poses })
     }
 

@@ -58,7 +58,9 @@ fn idle_fps(speed: &Value) -> f64 {
 
 fn psnr(found: &Value) -> Chart {
     let chart = Chart::new("Speed against PSNR to the exact renderer, 64 px")
-        .subtitle("RGB and depth, batches of 64; two threads by processor time; median of 512 views")
+        .subtitle(
+            "RGB and depth, batches of 64; two threads by processor time; median of 512 views",
+        )
         .x_axis(Axis::linear("median PSNR", "dB"))
         .y_axis(Axis::linear("images", "1/s").include(0.0));
     let chart = rows(&found["rows"]).iter().fold(chart, |chart, row| {
@@ -72,7 +74,11 @@ fn psnr(found: &Value) -> Chart {
             false => "",
         };
         let labels: Vec<&str> = curve.clone().map(label).collect();
-        let suffix = if row["is_tuning"] == true { " (tuning)" } else { "" };
+        let suffix = if row["is_tuning"] == true {
+            " (tuning)"
+        } else {
+            ""
+        };
         let title = format!("{}{suffix}", name(row));
         chart.series(Series::line(&title, curve.map(at)).labels(labels))
     });

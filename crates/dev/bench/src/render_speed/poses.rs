@@ -16,6 +16,8 @@ const MAX_PITCH_DEG: f64 = 10.0;
 const MAX_SKY: f64 = 0.5;
 const MIN_DEPTH_M: f32 = 0.5;
 const MAX_NEAR: f64 = 0.01;
+/// Most draws for each view.
+const MAX_DRAWS: u64 = 50;
 /// Edge of the images by which views are judged, px.
 const EDGE: u32 = 64;
 
@@ -36,7 +38,8 @@ pub(super) fn camera(
 }
 
 /// `world_from_camera` of reference views: random offsets from random poses of the path. Views that
-/// show more than half sky or a surface nearer than half a metre are drawn again.
+/// show more than half sky or a surface nearer than half a metre are drawn again; fewer than `count`
+/// if hardly any is left.
 ///
 /// # Errors
 /// A pose is invalid.
@@ -48,7 +51,7 @@ pub(super) fn reference_poses(
 ) -> Result<Vec<RigidTransform>, SplatError> {
     let mut found = Vec::with_capacity(count);
     let mut next = 0;
-    while found.len() < count {
+    while found.len() < count && next < MAX_DRAWS * count as u64 {
         let numbers: Vec<u64> = (next..next + count as u64).collect();
         next += count as u64;
         let kept: Vec<Option<RigidTransform>> = numbers

@@ -1,8 +1,9 @@
 //! Scenes to render: Gaussians trained on images of simulated walks, and the poses of the walks.
 //!
-//! A scene starts at the depths of its keyframes, with as many Gaussians as the limit allows, and is
-//! trained at half size; nothing thins it afterwards. Scenes are kept in `bench-render` in the
-//! target folder and trained again where they are missing.
+//! A scene starts at the true depths of its keyframes and is trained at half size, with growth by
+//! the errors that images show, up to a limit, and without the check that decides the number of
+//! Gaussians in the stage `splats`; nothing thins it afterwards. Scenes are kept in `bench-render` in
+//! the target folder and trained again where they are missing.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -116,7 +117,8 @@ fn text(psnr_db: f64, path: &[RigidTransform]) -> String {
         words.join(" ") + "\n"
     };
     let poses = path.iter();
-    let poses = poses.map(|pose| line(&[&pose.rotation_wxyz()[..], &pose.translation_m()].concat()));
+    let poses =
+        poses.map(|pose| line(&[&pose.rotation_wxyz()[..], &pose.translation_m()].concat()));
     line(&[psnr_db]) + &poses.collect::<String>()
 }
 
@@ -238,8 +240,7 @@ impl Recording {
             };
             let mut eye = Camera::new(of.models[0], pose(*time_ns)?.inverse())?;
             if let rig_sim::camera::Shutter::Rolling { line_s } = of.shutter {
-                let motion =
-                    pose(time_ns - STEP_NS / 2)?.inverse() * pose(time_ns + STEP_NS / 2)?;
+                let motion = pose(time_ns - STEP_NS / 2)?.inverse() * pose(time_ns + STEP_NS / 2)?;
                 let per_s = |v: f64| v / (STEP_NS as f64 * 1e-9);
                 eye = eye.with_shutter(Shutter::rows(
                     line_s,

@@ -35,8 +35,10 @@ use crate::scene::{Exposure, Plane, Scene, Splats};
 /// Ranges of Gaussians of a task of projection.
 const RANGES_PER_TASK: usize = 64;
 
-/// Standard deviations from a mean beyond which a Gaussian has no pixels: `√(2 ln 255)`.
-const REACH_SIGMAS: f32 = 3.33;
+/// Least `min_alpha`, and the standard deviations from a mean beyond which a Gaussian is below it:
+/// `√(2 ln 500)`.
+const LEAST_ALPHA: f32 = 0.002;
+const REACH_SIGMAS: f32 = 3.53;
 
 /// A level that has more than this share of the Gaussians below it is none.
 const MAX_SHARE: f64 = 0.9;
@@ -133,8 +135,8 @@ impl DetailScene {
             }),
         };
         let (alpha, rest) = (config.min_alpha, config.min_transmittance);
-        let is_share = alpha > 0.0 && alpha < 1.0;
-        threshold("min_alpha", alpha, is_share, "above 0 and below 1")?;
+        let is_share = (LEAST_ALPHA..1.0).contains(&alpha);
+        threshold("min_alpha", alpha, is_share, "0.002 to 1")?;
         let is_small = (0.0..0.5).contains(&rest);
         threshold("min_transmittance", rest, is_small, "0 to 0.5")?;
         let order = halves::order(&scene.splats);

@@ -1,9 +1,8 @@
 //! A region of an image: its Gaussians front to back, without lists per tile.
 //!
-//! Clusters are visited by the depth of their nearest mean, some of them at a time. A Gaussian is
-//! blended when no cluster is left that could have a nearer one. Clusters and Gaussians that reach
-//! only complete pixels are left out, before or after their projection: in a dense scene these are
-//! most of them.
+//! Nodes are visited by the depth of their nearest mean, some of them at a time. A Gaussian is
+//! blended when no node is left that could have a nearer one. Nodes and Gaussians that reach only
+//! complete pixels are left out, before or after their projection.
 
 use super::baked::{self, Row, load3};
 use super::nodes::Candidate;
@@ -137,7 +136,7 @@ impl<'a> Camera<'a> {
         }
     }
 
-    /// Blocks of pixels that a cluster can reach.
+    /// Blocks of pixels that a node can reach.
     #[inline(always)]
     fn blocks_of(&self, candidate: &Candidate) -> Blocks {
         let [x, y, z] = candidate.center;
@@ -384,7 +383,7 @@ fn sort(keys: &mut Vec<Key>, other: &mut Vec<Key>) {
 /// Blocks of pixels that a region has at most along an edge.
 pub(super) const MAX_BLOCKS: usize = 16;
 
-/// Regions of an image: rows of regions, each as wide as its share of the image.
+/// First pixels and sizes of regions along an edge of an image.
 pub(super) fn split(size: usize) -> Vec<(usize, usize)> {
     let parts = size.div_ceil(MAX_BLOCKS * BLOCK);
     let edge = size.div_ceil(parts * BLOCK) * BLOCK;
