@@ -207,7 +207,7 @@ fn coarser_levels_need_fewer_gaussians_at_a_stated_price() {
     let renderer = Renderer::new(RenderConfig::default()).unwrap();
     let expected = renderer.render(&exact, &camera, &Exposure::NONE);
     let mut last = 20_001;
-    for (max_sigma_px, min_db) in [(0.0, 60.0), (0.6, 37.0), (0.8, 30.0)] {
+    for (max_sigma_px, min_db) in [(0.0, 60.0), (0.6, 32.0)] {
         let config = DetailConfig {
             max_sigma_px,
             ..DetailConfig::default()
