@@ -37,9 +37,9 @@ pub(super) fn camera(
     Camera::new(model, world_from_camera.inverse())
 }
 
-/// `world_from_camera` of reference views: random offsets from random poses of the path. Views that
-/// show more than half sky or a surface nearer than half a metre are drawn again; fewer than `count`
-/// if hardly any is left.
+/// `world_from_camera` of reference views: random offsets from random poses of the path. Views
+/// that show more than half sky or a surface nearer than half a metre are drawn again; fewer than
+/// `count` if hardly any is left.
 ///
 /// # Errors
 /// A pose is invalid.

@@ -2,8 +2,8 @@
 //!
 //! A scene starts at the true depths of its keyframes and is trained at half size, with growth by
 //! the errors that images show, up to a limit, and without the check that decides the number of
-//! Gaussians in the stage `splats`; nothing thins it afterwards. Scenes are kept in `bench-render` in
-//! the target folder and trained again where they are missing.
+//! Gaussians in the stage `splats`; nothing thins it afterwards. Scenes are kept in the folder
+//! `bench-render` of the target folder and trained again where they are missing.
 
 use std::fs;
 use std::path::{Path, PathBuf};

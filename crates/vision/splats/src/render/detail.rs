@@ -1,11 +1,14 @@
 //! Level of detail: fewer, larger Gaussians where the originals would be smaller than pixels.
 //!
-//! Neighbors form clusters, [halves] of halves of the scene, and these the [nodes] of a hierarchy, with their Gaussians [merged](merge). A camera takes of each branch that it can see
-//! the highest node whose Gaussians stay small in the image. Its image is rendered node by node from
-//! front to back, and what only complete pixels would show is left out ([`region`]). The price is
-//! stated by comparison with [`Renderer::render`].
+//! Neighbors form clusters, [halves] of halves of the scene, and these the [nodes] of a hierarchy,
+//! with their Gaussians [merged](merge). A camera takes of each branch that it can see the highest
+//! node whose Gaussians stay small in the image. Its image is rendered node by node from front to
+//! back, and what only complete pixels would show is left out ([`region`]). The price is stated by
+//! comparison with [`Renderer::render`].
 
 mod baked;
+mod camera;
+pub(super) mod config;
 mod halves;
 mod image;
 mod merge;
@@ -17,13 +20,14 @@ mod tests;
 
 use std::ops::Range;
 
-use estimator_config::config;
 use rayon::prelude::*;
 
 use self::baked::Baked;
+use self::camera::{Rectangle, RegionCamera};
+use self::config::DetailConfig;
 use self::merge::Merging;
 use self::nodes::{Node, Nodes, Sphere};
-use self::region::{Camera as RegionCamera, Rectangle};
+use self::region::Contents;
 use super::forward::Renderer;
 use super::image::Image;
 use super::view::View;
@@ -42,36 +46,6 @@ const REACH_SIGMAS: f32 = 3.53;
 
 /// A level that has more than this share of the Gaussians below it is none.
 const MAX_SHARE: f64 = 0.9;
-
-/// Border of an image within which Gaussians of any size may have pixels because of dilation, px.
-const BORDER_PX: f32 = 2.0;
-
-config! {
-    /// Configuration of [`DetailScene`].
-    pub struct DetailConfig {
-        /// Gaussians of a cluster. More are culled and coarsened together.
-        pub cluster: usize = 64,
-        /// Gaussians that one of the next level replaces, and clusters that it joins.
-        pub merge: usize = 2,
-        /// Number of levels above the originals.
-        pub levels: usize = 10,
-        /// Largest scale in the image that Gaussians of a coarser level may have, px: the mean over
-        /// the cluster of the largest axis. More is faster and less sharp: in 48 views at 64 px of a
-        /// trained scene the median PSNR to the exact renderer was 46.5 dB with 0.4 (fifth
-        /// percentile 37.3), 41.5 dB with 0.5 (33.6), 39.3 dB with 0.6 (30.7).
-        pub max_sigma_px: f32 = 0.4,
-        /// Gaussians are merged only up to this factor on their largest scale.
-        pub max_growth: f32 = 6.0,
-        /// Dilation of the images in which coarser levels are used, px²: that of
-        /// [`RenderConfig`], or 0 with its compensation.
-        pub dilation_px2: f32 = 0.3,
-        /// Alpha below which a Gaussian does not contribute to a pixel of a camera without
-        /// distortion and motion.
-        pub min_alpha: f32 = 1.0 / 255.0,
-        /// Transmittance below which a pixel of such a camera is complete.
-        pub min_transmittance: f32 = 1e-4,
-    }
-}
 
 /// A scene with levels of detail.
 ///
@@ -264,7 +238,12 @@ impl Renderer {
     ) -> Image {
         let view = self.view(&scene.scene, camera);
         if view.lens.is_none() && view.rolling.is_none() {
-            return image::render(self, scene, &view, exposure);
+            let contents = Contents {
+                nodes: &scene.nodes,
+                baked: &scene.baked,
+                config: &scene.config,
+            };
+            return image::render(self, contents, &scene.scene, &view, exposure);
         }
         let ranges = scene.ranges(&view, &self.config);
         let pass = self.forward_ranges(&scene.scene, &ranges, RANGES_PER_TASK, camera, exposure);

@@ -7,9 +7,9 @@ use crate::scene::Splats;
 /// Gaussians from which on both parts are ordered in parallel.
 const PARALLEL: usize = 8192;
 
-/// Indices in the order of a k-d tree (Bentley 1975): each part is split across the longest side of
-/// its box. The first part has the largest power of two of them that is not all, so that runs of any
-/// power of two are parts of the tree.
+/// Indices in the order of a k-d tree (Bentley 1975): each part is split across the longest side
+/// of its box. The first part has the largest power of two of them that is not all, so that runs of
+/// any power of two are parts of the tree.
 pub(super) fn order(splats: &Splats) -> Vec<u32> {
     let planes = splats.planes();
     let positions: Vec<[f32; 3]> = (0..splats.len())

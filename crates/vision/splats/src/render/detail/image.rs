@@ -4,14 +4,14 @@ use std::cell::RefCell;
 
 use rayon::prelude::*;
 
-use super::DetailScene;
-use super::region::{Rectangle, Region, Scratch, split};
+use super::camera::Rectangle;
+use super::region::{Contents, Region, Scratch, split};
 use crate::lanes::LANES;
 use crate::render::finish::{Band, SkyView};
 use crate::render::forward::Renderer;
 use crate::render::image::Image;
 use crate::render::view::View;
-use crate::scene::Exposure;
+use crate::scene::{Exposure, Scene};
 
 thread_local! {
     /// Memory of a thread for the regions that it renders: nothing is allocated per image but the
@@ -22,7 +22,8 @@ thread_local! {
 /// Renders an image of a pinhole camera that does not move, rows of regions in parallel.
 pub(super) fn render(
     renderer: &Renderer,
-    scene: &DetailScene,
+    contents: Contents<'_>,
+    scene: &Scene,
     view: &View,
     exposure: &Exposure,
 ) -> Image {
@@ -48,7 +49,7 @@ pub(super) fn render(
             };
             SCRATCH.with_borrow_mut(|scratch| {
                 renderer.level.run(Region {
-                    scene,
+                    contents,
                     view,
                     rectangle,
                     config: &renderer.config,
@@ -75,7 +76,7 @@ pub(super) fn render(
 }
 
 fn finish(
-    scene: &DetailScene,
+    scene: &Scene,
     scratch: &Scratch,
     view: &View,
     rectangle: Rectangle,
@@ -85,7 +86,7 @@ fn finish(
 ) {
     let [left, top] = rectangle.origin;
     let config = &renderer.config;
-    let sky = SkyView::new(&scene.scene, view);
+    let sky = SkyView::new(scene, view);
     let is_changed = *exposure != Exposure::NONE;
     let [width, height] = rectangle.size;
     for row in 0..height {

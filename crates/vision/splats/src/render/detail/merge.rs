@@ -8,7 +8,7 @@
 
 use nalgebra::{Matrix3, Quaternion, Rotation3, UnitQuaternion, Vector3};
 
-use super::DetailConfig;
+use super::config::DetailConfig;
 use crate::scene::{MAX_DEGREE, Splat, Splats, coefficients};
 
 /// Largest opacity of a merged Gaussian.

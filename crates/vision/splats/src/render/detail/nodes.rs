@@ -1,12 +1,11 @@
 //! The hierarchy of clusters, and what a camera takes of it.
 //!
 //! Leaves are clusters of neighboring Gaussians of the scene. A node above them holds the Gaussians
-//! of its children merged, about as many as a leaf, so that nodes grow with their distance from the
-//! camera.
+//! of its children merged, in a number like that of a leaf: nodes grow with the distance.
 
 use std::ops::Range;
 
-use super::region::Camera;
+use super::camera::{BORDER_PX, RegionCamera};
 
 /// A cluster at one level.
 #[derive(Clone, Debug)]
@@ -53,12 +52,12 @@ pub(super) struct Nodes {
 }
 
 impl Nodes {
-    /// Nodes that can have pixels in the region of a camera, the one with the nearest mean first: of
-    /// each branch the highest one whose Gaussians are small in the image. Cameras with distortion
-    /// or in motion see all in front.
+    /// Nodes that can have pixels in the region of a camera, the one with the nearest mean first:
+    /// of each branch the highest one whose Gaussians are small in the image. Cameras with
+    /// distortion or in motion see all in front.
     pub(super) fn find(
         &self,
-        camera: &Camera<'_>,
+        camera: &RegionCamera<'_>,
         max_sigma_px: f32,
         open: &mut Vec<usize>,
         out: &mut Vec<Candidate>,
@@ -90,20 +89,20 @@ impl Nodes {
 
 /// What a region of a camera sees.
 struct Frustum<'a> {
-    camera: &'a Camera<'a>,
+    camera: &'a RegionCamera<'a>,
     is_pinhole: bool,
     /// Slopes of the sides at low and high coordinates, and lengths of (1, slope).
     sides: [[f32; 4]; 2],
 }
 
 impl<'a> Frustum<'a> {
-    fn new(camera: &'a Camera<'a>) -> Self {
+    fn new(camera: &'a RegionCamera<'a>) -> Self {
         let view = camera.view;
         let sides = [0, 1].map(|k: usize| {
             let center = view.principal[k] - camera.rectangle.origin[k] as f32;
-            let low = (-super::BORDER_PX - center) / view.focal[k];
+            let low = (-BORDER_PX - center) / view.focal[k];
             let size = camera.rectangle.size[k] as f32;
-            let high = (size + super::BORDER_PX - center) / view.focal[k];
+            let high = (size + BORDER_PX - center) / view.focal[k];
             let length = |slope: f32| (1.0 + slope * slope).sqrt();
             [low, length(low), high, length(high)]
         });

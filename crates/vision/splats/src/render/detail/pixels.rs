@@ -2,12 +2,14 @@
 
 use std::ops::RangeInclusive;
 
-use super::DetailConfig;
-use super::region::MAX_BLOCKS;
+use super::config::DetailConfig;
 use crate::lanes::{LANES, Lanes};
 
 /// Edge of a block, px.
 pub(super) const BLOCK: usize = LANES;
+
+/// Blocks that a region has at most along an edge.
+pub(super) const MAX_BLOCKS: usize = 16;
 
 /// Slack of the intervals for rounding: px and share.
 const SLACK_PX: f32 = 0.02;
@@ -52,13 +54,14 @@ impl Blocks {
     }
 }
 
-/// Number of the block of each coordinate, in the lowest bits; coordinates are taken into the region,
-/// which has `size` pixels.
+/// Number of the block of each coordinate, in the lowest bits; coordinates are taken into the
+/// region, which has `size` pixels.
 #[inline(always)]
 pub(super) fn block_bits<V: Lanes>(at: V, size: usize) -> [u32; LANES] {
     let s = V::splat;
     let inside = at.max(s(0.0)).min(s((size - 1) as f32));
-    // Half a block less is rounded to the nearest: the added number leaves no bits for the fraction.
+    // Half a block less is rounded to the nearest: the added number leaves no bits for the
+    // fraction.
     let blocks = inside.mul_add(s(1.0 / BLOCK as f32), s(-0.5)) + s(12_582_912.0);
     let mut values = [0.0; LANES];
     blocks.store(&mut values);

@@ -4,10 +4,11 @@
 //! blended when no node is left that could have a nearer one. Nodes and Gaussians that reach only
 //! complete pixels are left out, before or after their projection.
 
-use super::baked::{self, Row, load3};
-use super::nodes::Candidate;
-use super::pixels::{BLOCK, Blocks, Pixels, Sprite, block_bits};
-use super::{DetailConfig, DetailScene};
+use super::baked::{self, Baked, Row, load3};
+use super::camera::{Rectangle, RegionCamera};
+use super::config::DetailConfig;
+use super::nodes::{Candidate, Nodes};
+use super::pixels::{BLOCK, Blocks, MAX_BLOCKS, Pixels, Sprite, block_bits};
 use crate::config::RenderConfig;
 use crate::harmonics;
 use crate::lanes::{Kernel, LANES, Lanes};
@@ -27,13 +28,6 @@ const MASK: u32 = MAX_BLOCKS as u32 - 1;
 /// Largest determinant of a covariance in the image, px⁴; beyond it f32 is not enough.
 const MAX_DETERMINANT: f32 = 1e30;
 
-/// A rectangle of an image, px.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Rectangle {
-    pub(super) origin: [usize; 2],
-    pub(super) size: [usize; 2],
-}
-
 /// What a thread keeps from image to image.
 #[derive(Debug, Default)]
 pub(super) struct Scratch {
@@ -51,9 +45,17 @@ pub(super) struct Scratch {
 /// Bits of a depth, which is positive, and the index of a sprite.
 type Key = (u32, u32);
 
+/// Gaussians of all levels.
+#[derive(Clone, Copy)]
+pub(super) struct Contents<'a> {
+    pub(super) nodes: &'a Nodes,
+    pub(super) baked: &'a Baked,
+    pub(super) config: &'a DetailConfig,
+}
+
 /// Renders a region into the pixels of a scratch.
 pub(super) struct Region<'a> {
-    pub(super) scene: &'a DetailScene,
+    pub(super) contents: Contents<'a>,
     pub(super) view: &'a View,
     pub(super) rectangle: Rectangle,
     pub(super) config: &'a RenderConfig,
@@ -69,9 +71,12 @@ impl Kernel for Region<'_> {
         scratch.pixels.clear(self.rectangle.size);
         scratch.sprites.clear();
         scratch.waiting.clear();
-        let nodes = &self.scene.nodes;
-        let detail = &self.scene.config;
-        let camera = Camera::new(self.view, self.rectangle, self.config, detail);
+        let Contents {
+            nodes,
+            baked,
+            config: detail,
+        } = self.contents;
+        let camera = RegionCamera::new(self.view, self.rectangle, self.config, detail);
         nodes.find(
             &camera,
             detail.max_sigma_px,
@@ -84,13 +89,16 @@ impl Kernel for Region<'_> {
             while next < scratch.candidates.len() && blocks < BLOCKS_PER_ROUND {
                 let candidate = scratch.candidates[next];
                 next += 1;
-                if !scratch.pixels.is_open(camera.blocks_of(&candidate)) {
+                if !scratch
+                    .pixels
+                    .is_open(camera.blocks_of(candidate.center, candidate.radius_m))
+                {
                     continue;
                 }
                 let range = nodes.all[candidate.node as usize].blocks.clone();
                 blocks += range.len();
                 for block in range {
-                    camera.project::<V>(&self.scene.baked, block, scratch);
+                    camera.project::<V>(baked, block, scratch);
                 }
             }
             let end = match scratch.candidates.get(next) {
@@ -103,7 +111,7 @@ impl Kernel for Region<'_> {
                 let sprite = &scratch.sprites[*index as usize];
                 scratch
                     .pixels
-                    .blend::<V>(sprite, &self.scene.config, self.config.max_alpha);
+                    .blend::<V>(sprite, detail, self.config.max_alpha);
             }
             if next == scratch.candidates.len() || scratch.pixels.is_complete() {
                 break;
@@ -112,60 +120,23 @@ impl Kernel for Region<'_> {
     }
 }
 
-/// A camera and what it sees of the region.
-pub(super) struct Camera<'a> {
-    pub(super) view: &'a View,
-    pub(super) rectangle: Rectangle,
-    pub(super) config: &'a RenderConfig,
-    /// Twice the logarithm of the alpha below which a Gaussian has no pixels.
-    log_min_alpha: f32,
+/// Eight Gaussians in the region.
+struct Projected<V> {
+    mean: [V; 2],
+    /// Half of the box around the ellipse, px.
+    extent: [V; 2],
+    /// Inverse covariance `a b; b c` and its determinant.
+    conic: [V; 4],
+    reach: V,
+    opacity: V,
+    color: [V; 3],
+    z: V,
 }
 
-impl<'a> Camera<'a> {
-    pub(super) fn new(
-        view: &'a View,
-        rectangle: Rectangle,
-        config: &'a RenderConfig,
-        detail: &DetailConfig,
-    ) -> Self {
-        Self {
-            view,
-            rectangle,
-            config,
-            log_min_alpha: 2.0 * libm::logf(detail.min_alpha),
-        }
-    }
-
-    /// Blocks of pixels that a node can reach.
-    #[inline(always)]
-    fn blocks_of(&self, candidate: &Candidate) -> Blocks {
-        let [x, y, z] = candidate.center;
-        let radius = candidate.radius_m;
-        let (near, far) = (z - radius, z + radius);
-        let size = self.rectangle.size;
-        let last = [(size[0] - 1) / BLOCK, (size[1] - 1) / BLOCK];
-        let mut bounds = [0, last[0], 0, last[1]];
-        if near <= self.config.near_m {
-            return Blocks::new(0, last[0] as u32, 0, last[1] as u32);
-        }
-        for (k, at) in [x, y].into_iter().enumerate() {
-            let (low, high) = (at - radius, at + radius);
-            let low = low / if low > 0.0 { far } else { near };
-            let high = high / if high > 0.0 { near } else { far };
-            let center = self.view.principal[k] - self.rectangle.origin[k] as f32;
-            let low = self.view.focal[k] * low + center - super::BORDER_PX;
-            let high = self.view.focal[k] * high + center + super::BORDER_PX;
-            // Negative ones become 0.
-            bounds[2 * k] = (low as usize / BLOCK).min(last[k]);
-            bounds[2 * k + 1] = (high as usize / BLOCK).min(last[k]);
-        }
-        let [left, right, top, bottom] = bounds.map(|v| v as u32);
-        Blocks::new(left, right, top, bottom)
-    }
-
+impl RegionCamera<'_> {
     /// Appends the sprites of a block.
     #[inline(always)]
-    fn project<V: Lanes>(&self, baked: &baked::Baked, block: usize, scratch: &mut Scratch) {
+    fn project<V: Lanes>(&self, baked: &Baked, block: usize, scratch: &mut Scratch) {
         let s = V::splat;
         let (view, rows) = (self.view, baked.block(block));
         let position = load3::<V>(rows, baked::POSITION);
@@ -243,10 +214,28 @@ impl<'a> Camera<'a> {
         if visible == 0 {
             return;
         }
-        let color = color(&offset, baked.degree(), rows);
         let inverse = s(1.0) / determinant;
+        self.append(
+            &Projected {
+                mean,
+                extent,
+                conic: [yy * inverse, -xy * inverse, xx * inverse, inverse],
+                reach,
+                opacity,
+                color: color(&offset, baked.degree(), rows),
+                z,
+            },
+            visible,
+            scratch,
+        );
+    }
+
+    /// Appends those of eight Gaussians that reach pixels that are not complete.
+    #[inline(always)]
+    fn append<V: Lanes>(&self, of: &Projected<V>, mut visible: u32, scratch: &mut Scratch) {
+        let (mean, extent) = (&of.mean, &of.extent);
         let size = self.rectangle.size;
-        let slack = s(SLACK_PX);
+        let slack = V::splat(SLACK_PX);
         let left = block_bits(mean[0] - extent[0] - slack, size[0]);
         let right = block_bits(mean[0] + extent[0] + slack, size[0]);
         let top = block_bits(mean[1] - extent[1] - slack, size[1]);
@@ -254,16 +243,16 @@ impl<'a> Camera<'a> {
         let mut values: [Row; 12] = [[0.0; LANES]; 12];
         mean[0].store(&mut values[0]);
         mean[1].store(&mut values[1]);
-        (yy * inverse).store(&mut values[2]);
-        (-xy * inverse).store(&mut values[3]);
-        (xx * inverse).store(&mut values[4]);
-        inverse.store(&mut values[5]);
-        reach.store(&mut values[6]);
-        opacity.store(&mut values[7]);
-        color[0].store(&mut values[8]);
-        color[1].store(&mut values[9]);
-        color[2].store(&mut values[10]);
-        z.store(&mut values[11]);
+        of.conic[0].store(&mut values[2]);
+        of.conic[1].store(&mut values[3]);
+        of.conic[2].store(&mut values[4]);
+        of.conic[3].store(&mut values[5]);
+        of.reach.store(&mut values[6]);
+        of.opacity.store(&mut values[7]);
+        of.color[0].store(&mut values[8]);
+        of.color[1].store(&mut values[9]);
+        of.color[2].store(&mut values[10]);
+        of.z.store(&mut values[11]);
         while visible != 0 {
             let i = visible.trailing_zeros() as usize % LANES;
             visible &= visible - 1;
@@ -346,8 +335,8 @@ fn color<V: Lanes>(offset: &[V; 3], degree: usize, rows: &[Row]) -> [V; 3] {
 const BITS: u32 = 8;
 const BUCKETS: usize = 1 << BITS;
 
-/// Sorts by depth to one part in 2^16 of the range that the keys span, or better; equal ones stay in
-/// their order. Two passes of a radix sort (Knuth, The Art of Computer Programming 3, 5.2.5).
+/// Sorts by depth to one part in 2^16 of the range that the keys span, or better; equal ones stay
+/// in their order. Two passes of a radix sort (Knuth, The Art of Computer Programming 3, 5.2.5).
 fn sort(keys: &mut Vec<Key>, other: &mut Vec<Key>) {
     let mut low = u32::MAX;
     let mut high = 0;
@@ -379,9 +368,6 @@ fn sort(keys: &mut Vec<Key>, other: &mut Vec<Key>) {
         std::mem::swap(keys, other);
     }
 }
-
-/// Blocks of pixels that a region has at most along an edge.
-pub(super) const MAX_BLOCKS: usize = 16;
 
 /// First pixels and sizes of regions along an edge of an image.
 pub(super) fn split(size: usize) -> Vec<(usize, usize)> {
