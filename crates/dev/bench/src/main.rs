@@ -28,6 +28,7 @@ mod power_cuts;
 mod python;
 mod recording;
 mod rectify;
+mod render_speed;
 mod sim;
 mod sim_images;
 mod soak;
@@ -97,6 +98,7 @@ const BENCHMARKS: &[(&str, Run)] = &[
     ("odometry_scale", odometry::scale::run),
     ("power_cuts", power_cuts::run),
     ("rectify", rectify::run),
+    ("render", render_speed::run),
     ("sim", sim::run),
     ("sim_images", sim_images::run),
     ("soak", soak::run),

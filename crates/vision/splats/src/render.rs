@@ -24,7 +24,7 @@ mod rays;
 mod tests;
 mod view;
 
-pub use detail::{DetailConfig, DetailScene};
+pub use detail::{DetailScene, config::DetailConfig};
 pub use forward::{Pass, RenderStats, Renderer};
 pub use gradients::{Gradients, ImageGradient};
 pub use image::Image;

@@ -1,52 +1,51 @@
 //! Level of detail: fewer, larger Gaussians where the originals would be smaller than pixels.
 //!
-//! Neighbors along a Morton curve form clusters. Each cluster has levels, in each of which about
-//! four Gaussians of the level below are [merged](merge). A camera takes of each cluster that it
-//! can see the coarsest level whose Gaussians stay small in the image. The price is stated by
+//! Neighbors form clusters, [halves] of halves of the scene, and these the [nodes] of a hierarchy,
+//! with their Gaussians [merged](merge). A camera takes of each branch that it can see the highest
+//! node whose Gaussians stay small in the image. Its image is rendered node by node from front to
+//! back, and what only complete pixels would show is left out ([`region`]). The price is stated by
 //! comparison with [`Renderer::render`].
 
+mod baked;
+mod camera;
+pub(super) mod config;
+mod halves;
+mod image;
 mod merge;
+mod nodes;
+mod pixels;
+mod region;
 #[cfg(test)]
 mod tests;
 
 use std::ops::Range;
 
-use estimator_config::config;
 use rayon::prelude::*;
 
+use self::baked::Baked;
+use self::camera::{Rectangle, RegionCamera};
+use self::config::DetailConfig;
+use self::merge::Merging;
+use self::nodes::{Node, Nodes, Sphere};
+use self::region::Contents;
 use super::forward::Renderer;
 use super::image::Image;
 use super::view::View;
 use crate::camera::Camera;
+use crate::config::RenderConfig;
 use crate::error::SplatError;
-use crate::scene::{Exposure, Plane, Scene, Splats, morton_order};
+use crate::scene::{Exposure, Plane, Scene, Splats};
 
 /// Ranges of Gaussians of a task of projection.
 const RANGES_PER_TASK: usize = 64;
 
-/// Standard deviations from a mean beyond which a Gaussian has no pixels: `√(2 ln 255)`.
-const REACH_SIGMAS: f32 = 3.33;
+/// Least `min_alpha`, and the standard deviations from a mean beyond which a Gaussian is below it:
+/// `√(2 ln 500)`.
+const LEAST_ALPHA: f32 = 0.002;
+const REACH_SIGMAS: f32 = 3.53;
 
-/// Border of an image within which Gaussians of any size may have pixels because of dilation, px.
-const BORDER_PX: f32 = 2.0;
-
-config! {
-    /// Configuration of [`DetailScene`].
-    pub struct DetailConfig {
-        /// Gaussians of a cluster. More are culled and coarsened together.
-        pub cluster: usize = 128,
-        /// Gaussians that one of the next level replaces.
-        pub merge: usize = 4,
-        /// Number of levels above the originals.
-        pub levels: usize = 4,
-        /// Largest scale in the image that Gaussians of a coarser level may have, px: the mean over
-        /// the cluster of the largest axis. More is faster and less sharp: on a wall of fine
-        /// texture 0.6 halves the Gaussians at 39 dB, 0.8 leaves a quarter at 31 dB.
-        pub max_sigma_px: f32 = 0.6,
-        /// Gaussians are merged only up to this factor on their largest scale.
-        pub max_growth: f32 = 6.0,
-    }
-}
+/// A level that has more than this share of the Gaussians below it is none.
+const MAX_SHARE: f64 = 0.9;
 
 /// A scene with levels of detail.
 ///
@@ -79,28 +78,11 @@ config! {
 /// ```
 #[derive(Clone, Debug)]
 pub struct DetailScene {
-    /// Gaussians of all levels, cluster by cluster.
+    /// Gaussians of all levels, node by node.
     scene: Scene,
-    clusters: Vec<Cluster>,
+    baked: Baked,
+    nodes: Nodes,
     config: DetailConfig,
-}
-
-#[derive(Clone, Debug)]
-struct Cluster {
-    /// Sphere around all that has pixels, in the world, m.
-    center: [f32; 3],
-    radius: f32,
-    /// Largest distance of a mean from the center, m.
-    spread: f32,
-    /// From the originals to the coarsest.
-    levels: Vec<LevelRange>,
-}
-
-#[derive(Clone, Debug)]
-struct LevelRange {
-    range: Range<usize>,
-    /// Mean of the largest standard deviations, m.
-    sigma_m: f32,
 }
 
 impl DetailScene {
@@ -119,58 +101,131 @@ impl DetailScene {
         setting("cluster", config.cluster, 8..1 << 16, "8 to 65535")?;
         setting("merge", config.merge, 2..65, "2 to 64")?;
         setting("levels", config.levels, 0..17, "0 to 16")?;
-        let order = morton_order(&scene.splats);
-        let built: Vec<Vec<Splats>> = order
+        let threshold = |name, found: f32, valid: bool, expected| match valid {
+            true => Ok(()),
+            false => Err(SplatError::Setting {
+                name,
+                found: f64::from(found),
+                expected,
+            }),
+        };
+        let (alpha, rest) = (config.min_alpha, config.min_transmittance);
+        let is_share = (LEAST_ALPHA..1.0).contains(&alpha);
+        threshold("min_alpha", alpha, is_share, "0.002 to 1")?;
+        let is_small = (0.0..0.5).contains(&rest);
+        threshold("min_transmittance", rest, is_small, "0 to 0.5")?;
+        let order = halves::order(&scene.splats);
+        let mut level: Vec<Splats> = order
             .par_chunks(config.cluster)
-            .map(|indices| levels(scene.splats.select(indices), config))
+            .map(|indices| scene.splats.select(indices))
             .collect();
-        let mut planes = vec![Vec::new(); Plane::count(scene.splats.degree())];
-        let mut clusters = Vec::with_capacity(built.len());
-        for levels in built {
-            let mut ranges = Vec::with_capacity(levels.len());
-            for splats in &levels {
-                let start = planes[0].len();
-                for (all, plane) in planes.iter_mut().zip(splats.planes()) {
-                    all.extend(plane);
-                }
-                ranges.push(LevelRange {
-                    range: start..planes[0].len(),
-                    sigma_m: mean_sigma_m(splats),
-                });
+        let mut built = Built::new(scene.splats.degree());
+        built.add(&level, 0);
+        let merging = Merging::new(config);
+        for _ in 0..config.levels {
+            let merged: Vec<Splats> = level
+                .par_chunks(config.merge)
+                .map(|children| merge::neighbors(&joined(children), &merging))
+                .collect();
+            let count = |level: &[Splats]| level.iter().map(Splats::len).sum::<usize>();
+            // Few could be merged.
+            if count(&merged) as f64 > MAX_SHARE * count(&level) as f64 {
+                break;
             }
-            clusters.push(Cluster::new(&levels, ranges));
+            built.add(&merged, config.merge);
+            level = merged;
         }
-        let splats = Splats::from_planes(scene.splats.degree(), planes)?;
+        let splats = Splats::from_planes(scene.splats.degree(), built.planes)?;
         let background = scene.background.clone();
         Ok(Self {
             scene: Scene { splats, background },
-            clusters,
+            baked: built.baked,
+            nodes: built.nodes,
             config: *config,
         })
     }
 
-    /// Number of Gaussians that an image of a camera takes.
+    /// Number of Gaussians in what an image of a camera can show, hidden ones among them.
     pub fn count(&self, camera: &Camera) -> usize {
-        let view = View::new(camera, &Default::default());
-        self.ranges(&view, 0.0)
-            .into_iter()
-            .map(|range| range.len())
-            .sum()
+        let config = RenderConfig::default();
+        let view = View::new(camera, &config);
+        self.ranges(&view, &config).iter().map(Range::len).sum()
     }
 
-    fn ranges(&self, view: &View, near_m: f32) -> Vec<Range<usize>> {
-        let visible = self.clusters.iter();
-        visible
-            .filter_map(|cluster| {
-                let z = cluster.depth(view, near_m)?;
-                let px_per_m = view.focal[0].max(view.focal[1]) / z;
-                let fits =
-                    |level: &&LevelRange| level.sigma_m * px_per_m <= self.config.max_sigma_px;
-                let coarsest = cluster.levels[1..].iter().rev().find(fits);
-                Some(coarsest.unwrap_or(&cluster.levels[0]).range.clone())
-            })
-            .collect()
+    /// Gaussians of the nodes that a camera takes, as they lie in memory.
+    fn ranges(&self, view: &View, config: &RenderConfig) -> Vec<Range<usize>> {
+        let whole = Rectangle {
+            origin: [0; 2],
+            size: [view.width, view.height],
+        };
+        let camera = RegionCamera::new(view, whole, config, &self.config);
+        let (mut open, mut found) = (Vec::new(), Vec::new());
+        let max_sigma_px = self.config.max_sigma_px;
+        self.nodes
+            .find(&camera, max_sigma_px, &mut open, &mut found);
+        found.sort_unstable_by_key(|candidate| candidate.node);
+        let nodes = found
+            .iter()
+            .map(|found| &self.nodes.all[found.node as usize]);
+        nodes.map(|node| node.range.clone()).collect()
     }
+}
+
+/// What a scene consists of, while its levels are made.
+struct Built {
+    planes: Vec<Vec<f32>>,
+    baked: Baked,
+    nodes: Nodes,
+}
+
+impl Built {
+    fn new(degree: usize) -> Self {
+        Self {
+            planes: vec![Vec::new(); Plane::count(degree)],
+            baked: Baked::new(degree),
+            nodes: Nodes::default(),
+        }
+    }
+
+    /// Adds a level above the last one, each node of which has some nodes of that one as children;
+    /// the leaves have none.
+    fn add(&mut self, level: &[Splats], children: usize) {
+        let below = self.nodes.roots.clone();
+        let first = self.nodes.all.len();
+        for (number, splats) in level.iter().enumerate() {
+            let (start, first_block) = (self.planes[0].len(), self.baked.blocks());
+            for (all, plane) in self.planes.iter_mut().zip(splats.planes()) {
+                all.extend(plane);
+            }
+            self.baked.extend(splats);
+            let from = below.start + number * children;
+            let children = from..(from + children).min(below.end);
+            let spheres: Vec<Sphere> = children
+                .clone()
+                .map(|child| self.nodes.all[child].sphere)
+                .collect();
+            self.nodes.all.push(Node {
+                sphere: sphere(splats, &spheres),
+                range: start..self.planes[0].len(),
+                blocks: first_block..self.baked.blocks(),
+                sigma_m: mean_sigma_m(splats),
+                children,
+            });
+        }
+        self.nodes.roots = first..self.nodes.all.len();
+    }
+}
+
+/// Several clusters as one.
+fn joined(parts: &[Splats]) -> Splats {
+    let mut all = parts[0].clone();
+    for part in &parts[1..] {
+        for i in 0..part.len() {
+            all.push(&part.get(i))
+                .expect("a Gaussian of the scene itself");
+        }
+    }
+    all
 }
 
 impl Renderer {
@@ -181,8 +236,16 @@ impl Renderer {
         camera: &Camera,
         exposure: &Exposure,
     ) -> Image {
-        let view = View::new(camera, &self.config);
-        let ranges = scene.ranges(&view, self.config.near_m);
+        let view = self.view(&scene.scene, camera);
+        if view.lens.is_none() && view.rolling.is_none() {
+            let contents = Contents {
+                nodes: &scene.nodes,
+                baked: &scene.baked,
+                config: &scene.config,
+            };
+            return image::render(self, contents, &scene.scene, &view, exposure);
+        }
+        let ranges = scene.ranges(&view, &self.config);
         let pass = self.forward_ranges(&scene.scene, &ranges, RANGES_PER_TASK, camera, exposure);
         pass.image
     }
@@ -201,20 +264,6 @@ impl Renderer {
     }
 }
 
-/// A cluster's Gaussians, level by level.
-fn levels(splats: Splats, config: &DetailConfig) -> Vec<Splats> {
-    let mut levels = vec![splats];
-    while levels.len() <= config.levels {
-        let last = &levels[levels.len() - 1];
-        let merged = merge::neighbors(last, config.merge, config.max_growth);
-        if merged.len() == last.len() {
-            break;
-        }
-        levels.push(merged);
-    }
-    levels
-}
-
 fn largest_sigma_m(splats: &Splats, index: usize) -> f32 {
     let scales = &splats.planes()[Plane::SCALE..Plane::SCALE + 3];
     let log = scales.iter().map(|plane| plane[index]);
@@ -226,60 +275,35 @@ fn mean_sigma_m(splats: &Splats) -> f32 {
     sum / splats.len().max(1) as f32
 }
 
-impl Cluster {
-    fn new(levels: &[Splats], ranges: Vec<LevelRange>) -> Self {
-        let means = || {
-            let all = levels
-                .iter()
-                .flat_map(|splats| (0..splats.len()).map(move |i| (splats, i)));
-            all.map(|(splats, i)| (splats.get(i).position_m, largest_sigma_m(splats, i)))
-        };
-        let mut low = [f32::INFINITY; 3];
-        let mut high = [f32::NEG_INFINITY; 3];
-        for (position, _) in means() {
-            for k in 0..3 {
-                low[k] = low[k].min(position[k]);
-                high[k] = high[k].max(position[k]);
-            }
-        }
-        let center: [f32; 3] = std::array::from_fn(|k| 0.5 * (low[k] + high[k]));
-        let distance = |position: [f32; 3]| {
-            let square: f32 = (0..3).map(|k| (position[k] - center[k]).powi(2)).sum();
-            square.sqrt()
-        };
-        let reach = means().map(|(position, sigma)| distance(position) + REACH_SIGMAS * sigma);
-        Self {
-            center,
-            radius: reach.fold(0.0, f32::max),
-            spread: means()
-                .map(|(position, _)| distance(position))
-                .fold(0.0, f32::max),
-            levels: ranges,
+/// The sphere around Gaussians and other spheres.
+fn sphere(splats: &Splats, others: &[Sphere]) -> Sphere {
+    let means = || (0..splats.len()).map(|i| splats.get(i).position_m);
+    let mut low = [f32::INFINITY; 3];
+    let mut high = [f32::NEG_INFINITY; 3];
+    for position in means() {
+        for k in 0..3 {
+            low[k] = low[k].min(position[k]);
+            high[k] = high[k].max(position[k]);
         }
     }
-
-    /// Smallest depth of a mean, at least `near_m`; `None` if nothing can have pixels.
-    fn depth(&self, view: &View, near_m: f32) -> Option<f32> {
-        let offset: [f32; 3] = std::array::from_fn(|k| self.center[k] - view.center[k]);
-        let [x, y, z] = view
-            .rotation
-            .map(|row| row[0] * offset[0] + row[1] * offset[1] + row[2] * offset[2]);
-        if z + self.radius < near_m {
-            return None;
-        }
-        // Sides of the image of a pinhole camera; others, and those in motion, see all in front.
-        if view.lens.is_none() && view.rolling.is_none() {
-            let size = [view.width, view.height];
-            for (k, at) in [x, y].into_iter().enumerate() {
-                let (focal, center) = (view.focal[k], view.principal[k]);
-                let low = (-BORDER_PX - center) / focal;
-                let high = (size[k] as f32 + BORDER_PX - center) / focal;
-                let beyond = |slope: f32| self.radius * (1.0 + slope * slope).sqrt();
-                if at - low * z < -beyond(low) || at - high * z > beyond(high) {
-                    return None;
-                }
-            }
-        }
-        Some((z - self.spread).max(near_m).max(1e-3))
+    let center: [f32; 3] = std::array::from_fn(|k| 0.5 * (low[k] + high[k]));
+    let distance = |position: [f32; 3]| {
+        let square: f32 = (0..3).map(|k| (position[k] - center[k]).powi(2)).sum();
+        square.sqrt()
+    };
+    let (mut radius_m, mut spread_m) = (0.0_f32, 0.0_f32);
+    for (i, position) in means().enumerate() {
+        spread_m = spread_m.max(distance(position));
+        radius_m = radius_m.max(distance(position) + REACH_SIGMAS * largest_sigma_m(splats, i));
+    }
+    for other in others {
+        let distance = distance(other.center);
+        spread_m = spread_m.max(distance + other.spread_m);
+        radius_m = radius_m.max(distance + other.radius_m);
+    }
+    Sphere {
+        center,
+        radius_m,
+        spread_m,
     }
 }

@@ -9,11 +9,31 @@ use crate::config::RenderConfig;
 use crate::scene::{Background, Exposure, Scene};
 
 /// A band of rows of an image that one task writes.
-struct Band<'a> {
-    rgb: [&'a mut [f32]; 3],
-    expected: &'a mut [f32],
-    median: &'a mut [f32],
-    alpha: &'a mut [f32],
+pub(super) struct Band<'a> {
+    pub(super) rgb: [&'a mut [f32]; 3],
+    pub(super) expected: &'a mut [f32],
+    pub(super) median: &'a mut [f32],
+    pub(super) alpha: &'a mut [f32],
+}
+
+impl<'a> Band<'a> {
+    /// Bands of some rows each.
+    pub(super) fn of(image: &'a mut Image, rows: usize) -> impl Iterator<Item = Self> {
+        let size = image.width * rows;
+        let [red, green, blue] = &mut image.rgb;
+        red.chunks_mut(size)
+            .zip(green.chunks_mut(size))
+            .zip(blue.chunks_mut(size))
+            .zip(image.expected_depth_m.chunks_mut(size))
+            .zip(image.median_depth_m.chunks_mut(size))
+            .zip(image.alpha.chunks_mut(size))
+            .map(|(((((red, green), blue), expected), median), alpha)| Self {
+                rgb: [red, green, blue],
+                expected,
+                median,
+                alpha,
+            })
+    }
 }
 
 pub(super) fn finish(
@@ -34,27 +54,11 @@ pub(super) fn finish(
         alpha: plane(),
     };
     let sky = SkyView::new(scene, view);
-    let band = view.width * TILE;
-    let [red, green, blue] = &mut image.rgb;
-    red.par_chunks_mut(band)
-        .zip(green.par_chunks_mut(band))
-        .zip(blue.par_chunks_mut(band))
-        .zip(image.expected_depth_m.par_chunks_mut(band))
-        .zip(image.median_depth_m.par_chunks_mut(band))
-        .zip(image.alpha.par_chunks_mut(band))
-        .enumerate()
-        .for_each(
-            |(row, (((((red, green), blue), expected), median), alpha))| {
-                let band = Band {
-                    rgb: [red, green, blue],
-                    expected,
-                    median,
-                    alpha,
-                };
-                let tiles = &tiles[row * view.tile_columns()..(row + 1) * view.tile_columns()];
-                finish_band(band, tiles, row * TILE, view, &sky, exposure, config);
-            },
-        );
+    let bands: Vec<Band<'_>> = Band::of(&mut image, TILE).collect();
+    bands.into_par_iter().enumerate().for_each(|(row, band)| {
+        let tiles = &tiles[row * view.tile_columns()..(row + 1) * view.tile_columns()];
+        finish_band(band, tiles, row * TILE, view, &sky, exposure, config);
+    });
     image
 }
 
