@@ -1,0 +1,15 @@
+//! Scenes of 3D Gaussians on the GPU.
+
+mod device;
+mod error;
+mod forward;
+mod kernel;
+mod memory;
+mod scene;
+mod sort;
+mod view;
+
+pub use device::{Adapters, Gpu};
+pub use error::GpuError;
+pub use forward::GpuRenderer;
+pub use scene::GpuScene;
