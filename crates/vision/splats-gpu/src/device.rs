@@ -113,7 +113,11 @@ impl Gpu {
                 what,
                 name: self.name.clone(),
             }),
-            Some(error) => Err(self.lost(format!("{what}: {error}"))),
+            Some(error) => Err(GpuError::Failed {
+                name: self.name.clone(),
+                what,
+                reason: error.to_string(),
+            }),
         }
     }
 

@@ -49,6 +49,16 @@ pub enum GpuError {
         /// Name of the adapter.
         name: String,
     },
+    /// The driver refuses work that other drivers accept.
+    #[error("the GPU {name} fails at {what}: {reason}")]
+    Failed {
+        /// Name of the adapter.
+        name: String,
+        /// The work.
+        what: &'static str,
+        /// What the driver says.
+        reason: String,
+    },
     /// The device does not answer any more: reset, removed, or a fault of its driver.
     #[error("the GPU {name} is lost: {reason}")]
     Lost {

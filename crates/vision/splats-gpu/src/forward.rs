@@ -4,6 +4,7 @@ use camera_models::{CameraModel, Distortion};
 use splats::{Camera, Exposure, Image, RenderConfig, RenderStats, Renderer};
 use wgpu::{CommandEncoder, ComputePass};
 
+use crate::backward::Backward;
 use crate::device::Gpu;
 use crate::error::GpuError;
 use crate::kernel::Kernel;
@@ -90,6 +91,8 @@ pub struct GpuRenderer {
     sorter: Sorter,
     pub(crate) frame: Frame,
     stats: RenderStats,
+    /// Made by the first gradients.
+    pub(crate) backward: Option<Backward>,
 }
 
 #[derive(Debug)]
@@ -154,6 +157,7 @@ impl GpuRenderer {
             gpu: gpu.clone(),
             config,
             stats: RenderStats::default(),
+            backward: None,
         })
     }
 

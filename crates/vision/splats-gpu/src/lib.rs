@@ -1,5 +1,6 @@
 //! Scenes of 3D Gaussians on the GPU.
 
+mod backward;
 mod device;
 mod error;
 mod forward;
