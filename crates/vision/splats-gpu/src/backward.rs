@@ -159,7 +159,8 @@ impl Backward {
         self.to_parameters
             .run(gpu, pass, &transform, groups(scene.splats));
         let totals = (3, self.totals.buffer());
-        let sums = [uniform, (1, self.of_tile.buffer()), totals];
+        let by_texel = (4, self.by_texel.buffer());
+        let sums = [uniform, (1, self.of_tile.buffer()), totals, by_texel];
         self.sum_tiles.run(gpu, pass, &sums, [1, 1]);
         if motion {
             let sums = [uniform, (2, self.extras.buffer()), totals];
@@ -215,10 +216,7 @@ impl GpuRenderer {
         self.backward = Some(backward);
         let [by_parameter, extras, totals] = [1, 2, 3].map(|k| floats(&found[k]));
         let mut gradients = gather(scene.splats, &by_parameter, &extras, &totals);
-        gradients.background = match scene.sky {
-            0 => vec![[totals[12], totals[13], totals[14]]],
-            _ => floats(&found[4]).as_chunks().0.to_vec(),
-        };
+        gradients.background = floats(&found[4]).as_chunks().0.to_vec();
         Ok(gradients)
     }
 }

@@ -130,6 +130,22 @@ impl Gpu {
             .map_err(|error| self.lost(error.to_string()))
     }
 
+    /// Waits until the work of a submission is done.
+    pub(crate) fn wait_for(
+        &self,
+        submission_index: Option<wgpu::SubmissionIndex>,
+    ) -> Result<(), GpuError> {
+        let timeout = None;
+        let polled = self.device.poll(wgpu::PollType::Wait {
+            submission_index,
+            timeout,
+        });
+        self.check()?;
+        polled
+            .map(|_| ())
+            .map_err(|error| self.lost(error.to_string()))
+    }
+
     /// Whether the device is there.
     pub(crate) fn check(&self) -> Result<(), GpuError> {
         let lost = self.lost.lock().unwrap_or_else(PoisonError::into_inner);

@@ -48,6 +48,10 @@ pub(crate) mod status {
     pub(crate) const OF_IMAGE: usize = 5;
     /// Set by pairs that did not fit.
     pub(crate) const OVERFLOW: usize = 5;
+    /// Set by a gradient that is not finite.
+    pub(crate) const NOT_FINITE: usize = 6;
+    /// The step from which on nothing changes.
+    pub(crate) const HALTED_AT: usize = 8;
     pub(crate) const LEN: usize = 16;
 }
 

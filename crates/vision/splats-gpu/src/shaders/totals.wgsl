@@ -6,6 +6,8 @@
 @group(0) @binding(2) var<storage, read> extras: array<f32>;
 // The sums over tiles, then the six of the motion.
 @group(0) @binding(3) var<storage, read_write> totals: array<f32>;
+// Gradient of the texels, or of one color.
+@group(0) @binding(4) var<storage, read_write> by_texel: array<f32>;
 
 const THREADS: u32 = 64u;
 const RUN: u32 = 64u;
@@ -27,6 +29,9 @@ fn sum_tiles(@builtin(local_invocation_index) thread: u32) {
         sum += of_run;
     }
     totals[thread] = sum;
+    if (thread >= 12u && view.counts.w == 0u) {
+        by_texel[thread - 12u] = sum;
+    }
 }
 
 @compute @workgroup_size(64)

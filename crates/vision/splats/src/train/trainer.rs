@@ -1,5 +1,7 @@
 //! A training, step by step.
 
+mod device;
+
 use std::sync::Arc;
 
 use rayon::prelude::*;
@@ -19,6 +21,7 @@ use crate::config::RenderConfig;
 use crate::error::SplatError;
 use crate::render::{Gradients, Renderer};
 use crate::scene::{Background, Exposure, Scene, Sky, Splats, morton_order};
+pub use device::{TrainingDevice, TrainingRun, TrainingState, TrainingStep};
 
 /// Smallest radius of a scene, m: cameras may stand at one position.
 const MIN_RADIUS_M: f32 = 0.5;
@@ -213,14 +216,7 @@ impl Trainer {
         }
         self.growth
             .gather(&gradients, view, reduction, &self.config.growth);
-        self.steps += 1;
-        if self.grows && schedule::is_growth_round(&config, self.steps) {
-            self.grow(self.config.growth.max_share);
-        }
-        if schedule::is_reset(&self.config, self.steps) {
-            let opacity = self.config.growth.reset_opacity;
-            grow::reset_opacities(&mut self.scene.splats, &mut self.adam, opacity);
-        }
+        self.finish_steps(1);
         Ok(StepReport {
             step,
             view: index,
@@ -231,6 +227,18 @@ impl Trainer {
             splats: self.scene.splats.len(),
             visible: gradients.indices.len(),
         })
+    }
+
+    /// Counts steps, and changes the number of Gaussians after the last one where it is due.
+    fn finish_steps(&mut self, count: usize) {
+        self.steps += count;
+        if self.grows && schedule::is_growth_round(&self.config, self.steps) {
+            self.grow(self.config.growth.max_share);
+        }
+        if schedule::is_reset(&self.config, self.steps) {
+            let opacity = self.config.growth.reset_opacity;
+            grow::reset_opacities(&mut self.scene.splats, &mut self.adam, opacity);
+        }
     }
 
     /// Compares the scene with views, at their given poses and exposures.
