@@ -10,8 +10,9 @@ use wgpu::ComputePass;
 use crate::device::Gpu;
 use crate::error::GpuError;
 use crate::forward::{
-    COMMON, Encoded, GEOMETRY, GpuRenderer, HARMONICS, LENS, SKY, THREADS, encoder, status, submit,
+    COMMON, GEOMETRY, GpuRenderer, HARMONICS, LENS, SKY, THREADS, encoder, submit,
 };
+use crate::frame::{Encoded, status};
 use crate::kernel::Kernel;
 use crate::memory::{Download, Store, floats};
 use crate::scene::GpuScene;

@@ -23,7 +23,7 @@ pub enum Adapters {
 ///
 /// match Gpu::open(Adapters::SoftwareToo) {
 ///     Ok(gpu) => assert!(!gpu.name().is_empty()),
-///     Err(error) => println!("left out: {error}"),
+///     Err(error) => println!("skipped: {error}"),
 /// }
 /// ```
 #[derive(Clone, Debug)]
@@ -70,6 +70,12 @@ impl Gpu {
             let mut lost = to.lock().unwrap_or_else(PoisonError::into_inner);
             lost.get_or_insert_with(|| format!("{reason:?}, {message}"));
         });
+        // Outside of an attempt nothing fails on a device that works; the default would panic.
+        let to = Arc::clone(&lost);
+        device.on_uncaptured_error(Arc::new(move |error: wgpu::Error| {
+            let mut lost = to.lock().unwrap_or_else(PoisonError::into_inner);
+            lost.get_or_insert_with(|| error.to_string());
+        }));
         Ok(Self {
             device,
             queue,
@@ -94,6 +100,7 @@ impl Gpu {
         what: &'static str,
         work: impl FnOnce() -> T,
     ) -> Result<T, GpuError> {
+        self.check()?;
         let filters = [
             ErrorFilter::OutOfMemory,
             ErrorFilter::Internal,
@@ -148,6 +155,8 @@ impl Gpu {
 
     /// Whether the device is there.
     pub(crate) fn check(&self) -> Result<(), GpuError> {
+        // Calls back where the device is lost; whether work is done does not matter here.
+        let _ = self.device.poll(wgpu::PollType::Poll);
         let lost = self.lost.lock().unwrap_or_else(PoisonError::into_inner);
         match &*lost {
             None => Ok(()),

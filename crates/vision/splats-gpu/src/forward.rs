@@ -1,16 +1,16 @@
 //! Rendering: from the Gaussians to an image.
 
-use camera_models::{CameraModel, Distortion};
 use splats::{Camera, Exposure, Image, RenderConfig, RenderStats, Renderer};
 use wgpu::{CommandEncoder, ComputePass};
 
 use crate::backward::Backward;
 use crate::device::Gpu;
 use crate::error::GpuError;
+use crate::frame::{Encoded, Frame, IMAGE_PLANES, status};
 use crate::kernel::Kernel;
-use crate::memory::{Download, Store, Uniform, floats};
+use crate::memory::{Download, floats};
 use crate::scene::GpuScene;
-use crate::sort::{Pairs, Sorter};
+use crate::sort::Sorter;
 use crate::view::View;
 
 pub(crate) const COMMON: &str = include_str!("shaders/common.wgsl");
@@ -23,50 +23,22 @@ const BINS: &str = include_str!("shaders/bins.wgsl");
 const TILES: &str = include_str!("shaders/tiles.wgsl");
 const BLEND: &str = include_str!("shaders/blend.wgsl");
 
-/// Planes of an image: red, green, blue, expected and median depth, alpha.
-pub(crate) const IMAGE_PLANES: usize = 6;
-/// Planes of what was blended: transmittance, red, green, blue, depth.
-pub(crate) const BLENDED_PLANES: usize = 5;
-/// Values of a footprint.
-const FOOTPRINT: usize = 16;
 /// Threads of a group.
 pub(crate) const THREADS: usize = 64;
 /// Pairs that fit at first.
 const FIRST_PAIRS: usize = 1 << 14;
 
-/// Positions of values in the status.
-pub(crate) mod status {
-    /// Pairs that there are and that fit.
-    pub(crate) const PAIRS: usize = 0;
-    /// Gaussians of the scene.
-    pub(crate) const SPLATS: usize = 1;
-    pub(crate) const DEGENERATE: usize = 2;
-    pub(crate) const VISIBLE: usize = 3;
-    /// Pairs that there are.
-    pub(crate) const ALL_PAIRS: usize = 4;
-    /// Values that each image sets anew.
-    pub(crate) const OF_IMAGE: usize = 5;
-    /// Set by pairs that did not fit.
-    pub(crate) const OVERFLOW: usize = 5;
-    /// Set by a gradient that is not finite.
-    pub(crate) const NOT_FINITE: usize = 6;
-    /// The step from which on nothing changes.
-    pub(crate) const HALTED_AT: usize = 8;
-    pub(crate) const LEN: usize = 16;
-}
-
 /// Renders scenes on the device.
 ///
 /// ```
 /// use cad_transforms::RigidTransform;
-/// use camera_models::{CameraModel, Distortion};
-/// use splats::{Background, Camera, Exposure, RenderConfig, Renderer, Scene, Splat, Splats};
+/// /// use splats::{Background, Camera, Exposure, RenderConfig, Renderer, Scene, Splat, Splats};
 /// use splats_gpu::{Adapters, Gpu, GpuRenderer, GpuScene};
 ///
 /// let gpu = match Gpu::open(Adapters::SoftwareToo) {
 ///     Ok(gpu) => gpu,
 ///     Err(error) => {
-///         println!("left out: {error}");
+///         println!("skipped: {error}");
 ///         return Ok(());
 ///     }
 /// };
@@ -106,33 +78,6 @@ struct Kernels {
     list_pairs: Kernel,
     find_tiles: Kernel,
     blend: Kernel,
-}
-
-/// Memory of an image.
-#[derive(Debug)]
-pub(crate) struct Frame {
-    pub(crate) view: Uniform,
-    pub(crate) status: Store,
-    pub(crate) footprints: Store,
-    by_depth: Pairs,
-    pub(crate) first_pair: Store,
-    by_tile: Pairs,
-    pub(crate) splat_of_pair: Store,
-    pub(crate) first_entry: Store,
-    pub(crate) image: Store,
-    pub(crate) blended: Store,
-    pub(crate) rays: Store,
-    /// The lens whose directions `rays` has.
-    rays_of: Option<CameraModel>,
-}
-
-/// Work on an image, as encoded.
-pub(crate) struct Encoded {
-    pub(crate) view: View,
-    /// Which copy of the Gaussians' order has the result.
-    order: usize,
-    /// Which copy of the tiles' lists has it.
-    entries: usize,
 }
 
 impl GpuRenderer {
@@ -311,79 +256,6 @@ impl GpuRenderer {
             entries,
         }
     }
-}
-
-impl Frame {
-    fn new(gpu: &Gpu) -> Result<Self, GpuError> {
-        let store = |what, len| Store::new(gpu, what, len);
-        Ok(Self {
-            view: Uniform::new::<View>(gpu, &bytemuck::Zeroable::zeroed())?,
-            status: store("the status", status::LEN)?,
-            footprints: store("Gaussians in the image", 0)?,
-            by_depth: Pairs::new(gpu, "the order by depth")?,
-            first_pair: store("first pairs", 0)?,
-            by_tile: Pairs::new(gpu, "pairs of Gaussians and tiles")?,
-            splat_of_pair: store("pairs of Gaussians and tiles", 0)?,
-            first_entry: store("tiles", 0)?,
-            image: store("the image", 0)?,
-            blended: store("the blended image", 0)?,
-            rays: store("directions of the pixels", 0)?,
-            rays_of: None,
-        })
-    }
-
-    fn reserve(
-        &mut self,
-        gpu: &Gpu,
-        scene: &GpuScene,
-        camera: &Camera,
-        view: &View,
-    ) -> Result<(), GpuError> {
-        let (splats, pixels) = (scene.splats, view.pixels());
-        self.footprints.reserve(gpu, FOOTPRINT * splats)?;
-        self.by_depth.reserve(gpu, splats)?;
-        self.first_pair.reserve(gpu, splats + 1)?;
-        self.first_entry.reserve(gpu, view.tiles() + 1)?;
-        self.image.reserve(gpu, IMAGE_PLANES * pixels)?;
-        self.blended.reserve(gpu, BLENDED_PLANES * pixels)?;
-        let model = camera.model();
-        let distorted = model.distortion != Distortion::None;
-        if scene.sky > 0 && distorted && self.rays_of != Some(*model) {
-            let rays = rays(camera);
-            self.rays.reserve(gpu, rays.len())?;
-            self.rays.write(gpu, 0, &rays);
-            self.rays_of = Some(*model);
-        }
-        Ok(())
-    }
-
-    /// Gaussians, nearest first.
-    pub(crate) fn order(&self, of: &Encoded) -> &Store {
-        &self.by_depth.values[of.order]
-    }
-
-    /// Pairs, tile by tile.
-    pub(crate) fn entries(&self, of: &Encoded) -> &Store {
-        &self.by_tile.values[of.entries]
-    }
-
-    /// Number of pairs that fit.
-    pub(crate) fn pairs(&self) -> usize {
-        self.by_tile.len()
-    }
-}
-
-/// Directions of the pixels in the axes of the camera, row by row; zeros where there is none.
-fn rays(camera: &Camera) -> Vec<f32> {
-    let (width, height) = (camera.model().width, camera.model().height);
-    let mut out = Vec::with_capacity(3 * camera.pixels());
-    for row in 0..height {
-        for column in 0..width {
-            let ray = camera.lens().unproject([column, row].map(f64::from));
-            out.extend(ray.unwrap_or([0.0; 3]).map(|v| v as f32));
-        }
-    }
-    out
 }
 
 pub(crate) fn encoder(gpu: &Gpu) -> CommandEncoder {

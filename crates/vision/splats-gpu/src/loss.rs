@@ -7,7 +7,7 @@ use wgpu::ComputePass;
 use crate::backward::Backward;
 use crate::device::Gpu;
 use crate::error::GpuError;
-use crate::forward::Frame;
+use crate::frame::Frame;
 use crate::kernel::Kernel;
 use crate::memory::{Store, Uniform};
 use crate::view::TILE;

@@ -168,3 +168,31 @@ fn buffer(
         })
     })
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::device::Adapters;
+
+    #[test]
+    fn buffers_beyond_the_limit_are_refused_in_bytes() {
+        let gpu = match Gpu::open(Adapters::SoftwareToo) {
+            Ok(gpu) => gpu,
+            Err(error) => {
+                println!("skipped: {error}");
+                return;
+            }
+        };
+        let error = Store::new(&gpu, "a test", 1 << 50).unwrap_err();
+        let expected = matches!(
+            error,
+            GpuError::TooLarge { what: "a test", bytes, .. } if bytes == 1 << 52
+        );
+        assert!(expected, "{error}");
+        let mut store = Store::of(&gpu, "a test", &[1_u32; 20]).unwrap();
+        store.reserve(&gpu, 10).unwrap();
+        assert_eq!(store.len(), 20);
+        store.reserve(&gpu, 30).unwrap();
+        assert_eq!(store.len(), 30);
+    }
+}

@@ -8,7 +8,8 @@ use crate::adam::{AdamKernels, Moments};
 use crate::backward::Backward;
 use crate::device::Gpu;
 use crate::error::GpuError;
-use crate::forward::{GpuRenderer, encoder, status, submit};
+use crate::forward::{GpuRenderer, encoder, submit};
+use crate::frame::status;
 use crate::loss::{LossKernels, LossWork, Losses};
 use crate::memory::{Download, floats};
 use crate::scene::GpuScene;
@@ -29,7 +30,7 @@ const AHEAD: usize = 4;
 /// let gpu = match Gpu::open(Adapters::SoftwareToo) {
 ///     Ok(gpu) => gpu,
 ///     Err(error) => {
-///         println!("left out: {error}");
+///         println!("skipped: {error}");
 ///         return Ok(());
 ///     }
 /// };

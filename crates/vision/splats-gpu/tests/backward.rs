@@ -2,7 +2,7 @@
 
 mod common;
 
-use common::{Case, cases, exposure, gpu};
+use common::{Case, Renderers, cases, exposure, gpu};
 use splats::{Gradients, ImageGradient, Renderer};
 use splats_gpu::{GpuRenderer, GpuScene};
 
@@ -76,6 +76,7 @@ fn gradients_equal_those_of_the_processor() {
     let Some(gpu) = gpu() else {
         return;
     };
+    let mut renderers = Renderers::default();
     for case in cases() {
         let Case {
             name,
@@ -89,7 +90,7 @@ fn gradients_equal_those_of_the_processor() {
         let expected = processor
             .backward(&scene, &camera, &exposure(), &pass, &gradient)
             .unwrap();
-        let mut renderer = GpuRenderer::new(&gpu, config).unwrap();
+        let renderer = renderers.of(&gpu, config);
         let on_device = GpuScene::new(&gpu, &scene).unwrap();
         let found = renderer.backward(&on_device, &camera, &exposure(), &gradient);
         check(name, &found.unwrap(), &expected, scene.splats.len());

@@ -3,9 +3,9 @@
 mod common;
 
 use camera_models::Distortion;
-use common::{Case, camera, cases, exposure, gpu, random_splats};
+use common::{Case, Renderers, camera, cases, exposure, gpu, random_splats};
 use splats::{Background, Exposure, Image, RenderConfig, Renderer, Scene, Splats};
-use splats_gpu::{GpuRenderer, GpuScene};
+use splats_gpu::{GpuError, GpuRenderer, GpuScene};
 
 /// Largest differences of two images.
 #[derive(Debug, Default)]
@@ -51,6 +51,7 @@ fn images_equal_those_of_the_processor() {
     let Some(gpu) = gpu() else {
         return;
     };
+    let mut renderers = Renderers::default();
     for case in cases() {
         let Case {
             name,
@@ -58,7 +59,7 @@ fn images_equal_those_of_the_processor() {
             camera,
             config,
         } = case;
-        let mut renderer = GpuRenderer::new(&gpu, config).unwrap();
+        let renderer = renderers.of(&gpu, config);
         let on_device = GpuScene::new(&gpu, &scene).unwrap();
         let found = renderer.render(&on_device, &camera, &exposure()).unwrap();
         let processor = Renderer::new(config).unwrap();
@@ -127,6 +128,27 @@ fn the_same_image_has_the_same_bytes() {
         }
     }
     assert!(all.windows(2).all(|two| two[0] == two[1]));
+}
+
+#[test]
+fn a_lost_device_is_an_error_that_names_it() {
+    let Some(gpu) = gpu() else {
+        return;
+    };
+    let case = cases().swap_remove(0);
+    let mut renderer = GpuRenderer::new(&gpu, case.config).unwrap();
+    let on_device = GpuScene::new(&gpu, &case.scene).unwrap();
+    renderer
+        .render(&on_device, &case.camera, &exposure())
+        .unwrap();
+    gpu.lose();
+    let error = renderer.render(&on_device, &case.camera, &exposure());
+    let error = error.unwrap_err();
+    println!("{error}");
+    assert!(matches!(error, GpuError::Lost { .. }), "{error}");
+    assert!(error.to_string().contains(gpu.name()), "{error}");
+    assert!(GpuScene::new(&gpu, &case.scene).is_err());
+    assert!(GpuRenderer::new(&gpu, case.config).is_err());
 }
 
 /// Sizes at which blocks of the sort, tiles and lists of pairs end: 0 and 1 Gaussians, more pairs

@@ -6,7 +6,7 @@ use camera_models::{CameraModel, Distortion};
 use splats::{
     Background, Camera, Exposure, RenderConfig, Scene, Shutter, Sky, Splat, Splats, coefficients,
 };
-use splats_gpu::{Adapters, Gpu};
+use splats_gpu::{Adapters, Gpu, GpuRenderer};
 
 /// The device, software or not; `None` with a printed reason where there is none.
 pub fn gpu() -> Option<Gpu> {
@@ -20,7 +20,7 @@ pub fn gpu() -> Option<Gpu> {
                 std::env::var_os("PAWS_GPU_REQUIRED").is_none(),
                 "PAWS_GPU_REQUIRED is set, but {error}"
             );
-            println!("left out: {error}");
+            println!("skipped: {error}");
             None
         }
     }
@@ -160,4 +160,15 @@ pub fn cases() -> Vec<Case> {
         });
     }
     out
+}
+
+/// One renderer per configuration of [`cases`]: the device compiles its kernels anew for each.
+#[derive(Debug, Default)]
+pub struct Renderers([Option<GpuRenderer>; 2]);
+
+impl Renderers {
+    pub fn of(&mut self, gpu: &Gpu, config: RenderConfig) -> &mut GpuRenderer {
+        let renderer = &mut self.0[usize::from(config.compensate)];
+        renderer.get_or_insert_with(|| GpuRenderer::new(gpu, config).unwrap())
+    }
 }

@@ -161,10 +161,14 @@ impl GrowthByNeed {
             }
             return Ok(());
         }
-        // The check takes the place of the round, which would forget what was gathered.
-        trainer.set_growth(false);
-        run(trainer, 1, &mut device)?;
-        let check = check(trainer, held_out, &config, &mut device)?;
+        let before = trainer.clone();
+        let check = match parted(trainer, held_out, &config, &mut device) {
+            Ok(check) => check,
+            Err(error) => {
+                *trainer = before;
+                return Err(error);
+            }
+        };
         self.next_count = check.splats[0] as f32 * growth.check_factor;
         self.next_step = trainer.steps() + 2 * growth.check_steps;
         self.failed = if check.continues { 0 } else { self.failed + 1 };
@@ -246,6 +250,19 @@ fn run(
         };
     }
     Ok(())
+}
+
+/// The step before the check, and the check. It takes the place of the round, which would forget
+/// what was gathered. After an error the trainer must not be used.
+fn parted(
+    trainer: &mut Trainer,
+    held_out: &[TrainingView],
+    config: &TrainConfig,
+    device: &mut Option<&mut dyn TrainingDevice>,
+) -> Result<GrowthCheck, SplatError> {
+    trainer.set_growth(false);
+    run(trainer, 1, device)?;
+    check(trainer, held_out, config, device)
 }
 
 /// Compares both continuations; the trainer becomes the chosen one.
