@@ -7,10 +7,10 @@ use wgpu::ComputePass;
 use crate::backward::Backward;
 use crate::device::Gpu;
 use crate::error::GpuError;
-use crate::forward::THREADS;
 use crate::kernel::Kernel;
 use crate::memory::{Store, Uniform, floats};
 use crate::scene::GpuScene;
+use crate::shaders::THREADS;
 
 const ADAM: &str = include_str!("shaders/adam.wgsl");
 

@@ -10,21 +10,15 @@ use crate::frame::{Encoded, Frame, IMAGE_PLANES, status};
 use crate::kernel::Kernel;
 use crate::memory::{Download, floats};
 use crate::scene::GpuScene;
+use crate::shaders::{COMMON, GEOMETRY, HARMONICS, LENS, SKY, THREADS};
 use crate::sort::Sorter;
 use crate::view::View;
 
-pub(crate) const COMMON: &str = include_str!("shaders/common.wgsl");
-pub(crate) const LENS: &str = include_str!("shaders/lens.wgsl");
-pub(crate) const GEOMETRY: &str = include_str!("shaders/geometry.wgsl");
-pub(crate) const HARMONICS: &str = include_str!("shaders/harmonics.wgsl");
-pub(crate) const SKY: &str = include_str!("shaders/sky.wgsl");
 const PROJECT: &str = include_str!("shaders/project.wgsl");
 const BINS: &str = include_str!("shaders/bins.wgsl");
 const TILES: &str = include_str!("shaders/tiles.wgsl");
 const BLEND: &str = include_str!("shaders/blend.wgsl");
 
-/// Threads of a group.
-pub(crate) const THREADS: usize = 64;
 /// Pairs that fit at first.
 const FIRST_PAIRS: usize = 1 << 14;
 

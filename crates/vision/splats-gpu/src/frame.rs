@@ -27,7 +27,7 @@ pub(crate) mod status {
     pub(crate) const VISIBLE: usize = 3;
     /// Pairs that there are.
     pub(crate) const ALL_PAIRS: usize = 4;
-    /// Values that each image sets anew.
+    /// Number of values that each image begins with.
     pub(crate) const OF_IMAGE: usize = 5;
     /// Set by pairs that did not fit.
     pub(crate) const OVERFLOW: usize = 5;

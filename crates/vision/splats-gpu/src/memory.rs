@@ -149,7 +149,7 @@ fn buffer(
     let limits = gpu.device.limits();
     let limit = limits
         .max_buffer_size
-        .min(u64::from(limits.max_storage_buffer_binding_size));
+        .min(limits.max_storage_buffer_binding_size);
     if bytes > limit {
         let name = gpu.name().to_owned();
         return Err(GpuError::TooLarge {

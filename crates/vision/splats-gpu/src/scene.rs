@@ -6,6 +6,9 @@ use crate::device::Gpu;
 use crate::error::GpuError;
 use crate::memory::Store;
 
+/// Most Gaussians of a scene: 65 535 groups of 64 threads.
+const MAX_SPLATS: usize = 65_535 * 64;
+
 /// A scene in the memory of the device.
 #[derive(Debug)]
 pub struct GpuScene {
@@ -31,6 +34,15 @@ impl GpuScene {
         let background = Store::of(gpu, "the background", colors.as_flattened())?;
         let splats = &scene.splats;
         let values = splats.planes().iter().map(Vec::len).sum();
+        if splats.len() > MAX_SPLATS {
+            let bytes_of = |splats: usize| 4 * (splats * scene.splats.planes().len()) as u64;
+            return Err(GpuError::TooLarge {
+                what: "the Gaussians",
+                bytes: bytes_of(splats.len()),
+                limit: bytes_of(MAX_SPLATS),
+                name: gpu.name().to_owned(),
+            });
+        }
         let planes = Store::new(gpu, "the Gaussians", values)?;
         let mut at = 0;
         for plane in splats.planes() {

@@ -107,7 +107,7 @@ impl Sorter {
         })
     }
 
-    /// Room for sorts of so many pairs and for sums of as many values.
+    /// Room for sorts of `len` pairs and sums of `len` values and one.
     pub(crate) fn reserve(&mut self, gpu: &Gpu, len: usize) -> Result<(), GpuError> {
         let digits = (1 << BITS) * len.div_ceil(BLOCK);
         self.counts.reserve(gpu, digits)?;

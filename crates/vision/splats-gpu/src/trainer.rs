@@ -47,7 +47,7 @@ const AHEAD: usize = 4;
 /// let views = vec![view.clone()];
 /// let mut trainer = Trainer::new(scene, views, config, RenderConfig::default(), 7)?;
 /// let before = trainer.evaluate(&[view.clone()]).mean_psnr_db();
-/// let mut device = GpuTrainer::new(&gpu, RenderConfig::default())?;
+/// let mut device = GpuTrainer::new(&gpu)?;
 /// while trainer.steps() < config.steps {
 ///     trainer.run_on(&mut device, config.steps)?;
 /// }
@@ -65,11 +65,14 @@ pub struct GpuTrainer {
 }
 
 impl GpuTrainer {
+    /// Compiles the kernels.
+    ///
     /// # Errors
-    /// [`GpuError::Splats`] if a setting is outside of its domain; others of the device.
-    pub fn new(gpu: &Gpu, config: RenderConfig) -> Result<Self, GpuError> {
+    /// [`GpuError`] of the device.
+    pub fn new(gpu: &Gpu) -> Result<Self, GpuError> {
         Ok(Self {
-            renderer: GpuRenderer::new(gpu, config)?,
+            // Each run has the configuration of its trainer.
+            renderer: GpuRenderer::new(gpu, RenderConfig::default())?,
             backward: Backward::new(gpu)?,
             loss: LossKernels::new(gpu)?,
             adam: AdamKernels::new(gpu)?,
@@ -94,6 +97,7 @@ impl GpuTrainer {
         before: &TrainingState,
     ) -> Result<TrainingState, GpuError> {
         let gpu = self.renderer.gpu.clone();
+        self.renderer.config = *run.renderer().config();
         let scene = GpuScene::new(&gpu, &before.scene)?;
         let moments = Moments::new(&gpu, before, run.corrections())?;
         let flags = [0_u32; status::LEN - status::OVERFLOW];
@@ -159,13 +163,15 @@ impl GpuTrainer {
         let mut encoder = encoder(&gpu);
         let renderer = &mut self.renderer;
         let encoded = renderer.encode(&mut encoder, scene, &step.camera, &step.exposure)?;
-        self.backward.reserve(renderer, scene, &encoded)?;
+        self.backward
+            .reserve(&gpu, &renderer.frame, scene, &encoded)?;
         let description = wgpu::ComputePassDescriptor::default();
         let mut pass = encoder.begin_compute_pass(&description);
         let backward = &self.backward;
         self.loss
             .encode(&gpu, &mut pass, work, &renderer.frame, backward);
-        backward.encode(&mut pass, renderer, scene, &encoded, false);
+        let frame = &renderer.frame;
+        backward.encode(&gpu, &mut pass, frame, scene, &encoded, false);
         let state = (scene, moments);
         let status = &renderer.frame.status;
         self.adam.encode(&gpu, &mut pass, state, backward, status);

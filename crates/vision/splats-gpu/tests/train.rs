@@ -70,7 +70,7 @@ fn trainer(config: TrainConfig, background: Background) -> Trainer {
 }
 
 fn run(trainer: &mut Trainer, gpu: &Gpu, steps: usize) -> GpuTrainer {
-    let mut device = GpuTrainer::new(gpu, RenderConfig::default()).unwrap();
+    let mut device = GpuTrainer::new(gpu).unwrap();
     let end = trainer.steps() + steps;
     while trainer.steps() < end {
         trainer.run_on(&mut device, end - trainer.steps()).unwrap();
@@ -199,7 +199,7 @@ fn settings_that_need_the_processor_are_refused() {
     };
     let mut config = config(40);
     config.poses.refine = true;
-    let mut device = GpuTrainer::new(&gpu, RenderConfig::default()).unwrap();
+    let mut device = GpuTrainer::new(&gpu).unwrap();
     let error = trainer(config, sky(9)).run_on(&mut device, 10);
     let error = error.unwrap_err().to_string();
     assert_eq!(

@@ -2,10 +2,10 @@
 //!
 //! Contract: the GPU is opened before the first stage. A program built without the feature `gpu`
 //! has none, and reports an error if one is requested. Software that computes on the processor is
-//! used only if it is asked for by name.
+//! used only if its name is given.
 
 use serde_json::{Value, json};
-use splats::{RenderConfig, TrainingDevice};
+use splats::TrainingDevice;
 #[cfg(feature = "gpu")]
 use splats_gpu::{Adapters, Gpu, GpuError, GpuTrainer};
 
@@ -72,14 +72,11 @@ impl Device {
     }
 
     /// What runs the steps; `None` is the processor.
-    pub(super) fn trainer(
-        &self,
-        config: RenderConfig,
-    ) -> Result<Option<Box<dyn TrainingDevice>>, StageError> {
+    pub(super) fn trainer(&self) -> Result<Option<Box<dyn TrainingDevice>>, StageError> {
         let Some(gpu) = &self.gpu else {
             return Ok(None);
         };
-        Ok(Some(Box::new(GpuTrainer::new(gpu, config)?)))
+        Ok(Some(Box::new(GpuTrainer::new(gpu)?)))
     }
 }
 
@@ -107,10 +104,7 @@ impl Device {
     }
 
     /// The processor.
-    pub(super) fn trainer(
-        &self,
-        _config: RenderConfig,
-    ) -> Result<Option<Box<dyn TrainingDevice>>, StageError> {
+    pub(super) fn trainer(&self) -> Result<Option<Box<dyn TrainingDevice>>, StageError> {
         Ok(None)
     }
 }
@@ -123,16 +117,11 @@ mod tests {
     fn the_processor_is_always_there() {
         let device = Device::open(DeviceName::Cpu, false).expect("the processor");
         assert!(device.name().is_none() && device.setting().is_null());
-        assert!(
-            device
-                .trainer(RenderConfig::default())
-                .expect("the processor")
-                .is_none()
-        );
+        assert!(device.trainer().expect("the processor").is_none());
     }
 
-    /// Without the feature an error that names it; with it a device, or an error that names the way
-    /// without one.
+    /// Without the feature an error that names it; with it a device, or an error with the
+    /// option for none.
     #[test]
     fn a_gpu_is_there_or_named_in_the_error() {
         for name in [DeviceName::Gpu, DeviceName::Software] {

@@ -135,7 +135,7 @@ impl Stage<Input> for SplatsStage {
         };
         let views = usable.training.len();
         let (training, held_out) = (usable.training, &usable.held_out);
-        let mut device = self.device.trainer(config.render)?;
+        let mut device = self.device.trainer()?;
         let fit = fit::fit(
             scene,
             training,

@@ -162,7 +162,7 @@ pub fn cases() -> Vec<Case> {
     out
 }
 
-/// One renderer per configuration of [`cases`]: the device compiles its kernels anew for each.
+/// One renderer per configuration of [`cases`]: the device compiles the kernels of each.
 #[derive(Debug, Default)]
 pub struct Renderers([Option<GpuRenderer>; 2]);
 

@@ -7,7 +7,8 @@
 use super::codec::{Codec, State, broken};
 use super::config::TrainConfig;
 use super::evaluate::Evaluation;
-use super::trainer::{Trainer, TrainingDevice};
+use super::trainer::Trainer;
+use super::trainer::device::TrainingDevice;
 use super::view::TrainingView;
 use crate::error::SplatError;
 

@@ -1,6 +1,6 @@
 //! A training, step by step.
 
-mod device;
+pub(super) mod device;
 
 use std::sync::Arc;
 
@@ -21,7 +21,6 @@ use crate::config::RenderConfig;
 use crate::error::SplatError;
 use crate::render::{Gradients, Renderer};
 use crate::scene::{Background, Exposure, Scene, Sky, Splats, morton_order};
-pub use device::{TrainingDevice, TrainingRun, TrainingState, TrainingStep};
 
 /// Smallest radius of a scene, m: cameras may stand at one position.
 const MIN_RADIUS_M: f32 = 0.5;

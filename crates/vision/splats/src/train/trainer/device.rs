@@ -4,6 +4,9 @@
 //! state after them; the trainer is unchanged if it fails. The number of Gaussians and the degree
 //! change between such runs, on the processor. Poses and exposures are not refined on a device.
 
+#[cfg(test)]
+mod tests;
+
 use std::borrow::Cow;
 use std::ops::Range;
 
