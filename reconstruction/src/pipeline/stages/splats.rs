@@ -135,7 +135,6 @@ impl Stage<Input> for SplatsStage {
         };
         let views = usable.training.len();
         let (training, held_out) = (usable.training, &usable.held_out);
-        let mut device = self.device.trainer()?;
         let fit = fit::fit(
             scene,
             training,
@@ -143,7 +142,7 @@ impl Stage<Input> for SplatsStage {
             &config,
             &checkpoint,
             fit::On {
-                device: device.as_deref_mut(),
+                device: self.device.trainer()?,
                 falls_back: self.device.falls_back,
             },
             &mut progress,

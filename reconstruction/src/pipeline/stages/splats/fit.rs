@@ -25,9 +25,9 @@ pub(super) struct Fit {
 }
 
 /// What runs the steps.
-pub(super) struct On<'a> {
+pub(super) struct On {
     /// The processor if there is none.
-    pub(super) device: Option<&'a mut dyn TrainingDevice>,
+    pub(super) device: Option<Box<dyn TrainingDevice>>,
     /// Whether the processor takes over if the device fails.
     pub(super) falls_back: bool,
 }
@@ -81,7 +81,7 @@ pub(super) fn fit(
     held_out: &[TrainingView],
     config: &SplatsConfig,
     checkpoint: &CheckpointFile,
-    mut on: On<'_>,
+    mut on: On,
     progress: &mut dyn FnMut(Progress),
 ) -> Result<Fit, SplatError> {
     let start_count = scene.splats.len();
@@ -99,7 +99,7 @@ pub(super) fn fit(
         let before = trainer.steps();
         let result = match &mut on.device {
             None => growth.advance(&mut trainer, held_out),
-            Some(device) => growth.advance_on(&mut trainer, held_out, &mut **device),
+            Some(device) => growth.advance_on(&mut trainer, held_out, device.as_mut()),
         };
         match result {
             Err(SplatError::Device { reason }) if on.falls_back => {

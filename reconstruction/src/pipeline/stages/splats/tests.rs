@@ -55,7 +55,7 @@ fn settings(steps: usize) -> SplatsConfig {
     config
 }
 
-fn processor() -> On<'static> {
+fn processor() -> On {
     On {
         device: None,
         falls_back: false,
@@ -88,7 +88,6 @@ fn the_processor_takes_over_from_a_lost_device_only_if_asked() {
     let training = views(6, 0.0);
     for falls_back in [false, true] {
         let mut steps = Vec::new();
-        let mut device = Lost { runs: 1 };
         let result = fit(
             scene(&training, &config),
             training.clone(),
@@ -96,7 +95,7 @@ fn the_processor_takes_over_from_a_lost_device_only_if_asked() {
             &config,
             &no_file(),
             On {
-                device: Some(&mut device),
+                device: Some(Box::new(Lost { runs: 1 })),
                 falls_back,
             },
             &mut |now| steps.push(now.steps),

@@ -52,10 +52,12 @@ fn trainer(config: TrainConfig) -> Trainer {
 }
 
 fn config() -> TrainConfig {
-    let mut config = TrainConfig::default();
-    config.steps = 420;
-    config.degree = 1;
-    config.degree_start = 0.5;
+    let mut config = TrainConfig {
+        steps: 420,
+        degree: 1,
+        degree_start: 0.5,
+        ..TrainConfig::default()
+    };
     (config.growth.start, config.growth.interval) = (150, 150);
     config
 }
