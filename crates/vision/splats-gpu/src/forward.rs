@@ -26,7 +26,8 @@ const FIRST_PAIRS: usize = 1 << 14;
 ///
 /// ```
 /// use cad_transforms::RigidTransform;
-/// /// use splats::{Background, Camera, Exposure, RenderConfig, Renderer, Scene, Splat, Splats};
+/// use camera_models::{CameraModel, Distortion};
+/// use splats::{Background, Camera, Exposure, RenderConfig, Renderer, Scene, Splat, Splats};
 /// use splats_gpu::{Adapters, Gpu, GpuRenderer, GpuScene};
 ///
 /// let gpu = match Gpu::open(Adapters::SoftwareToo) {
