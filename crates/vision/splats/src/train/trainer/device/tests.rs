@@ -43,7 +43,7 @@ fn trainer(config: TrainConfig) -> Trainer {
     let position_m = [0.0, 0.0, 2.0];
     let ball = Splat {
         position_m,
-        ..Splat::sphere(0.5, [0.5; 3])
+        ..Splat::sphere(0.1, [0.5; 3])
     };
     splats.push(&ball).unwrap();
     let background = Background::Constant([0.0; 3]);
