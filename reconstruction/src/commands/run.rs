@@ -12,6 +12,7 @@ use command_line::output::{is_quiet, print};
 use indicatif::ProgressBar;
 use reconstruction::Input;
 use reconstruction::camera_images;
+use reconstruction::pipeline::stages::device::{Device, DeviceName};
 use reconstruction::pipeline::stages::networks::Networks;
 use reconstruction::pipeline::stages::{self, Options, Preset, rig};
 use reconstruction::pipeline::{Observer, Outcome, Selection, Sources, State, stage_timings};
@@ -66,6 +67,12 @@ pub(crate) struct Arguments {
     /// Training steps of the stage splats, instead of those of the preset (2000, 7000, 20000).
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     splat_steps: Option<u32>,
+    /// Where the stage splats trains; a GPU needs a program built with the feature `gpu`.
+    #[arg(long, value_enum, default_value_t = DeviceArgument::Cpu)]
+    device: DeviceArgument,
+    /// Continue on the processor if the GPU is lost or has no memory left during the training.
+    #[arg(long)]
+    cpu_fallback: bool,
     /// Memory that the stage splats may use, MB; otherwise what the machine has available.
     #[arg(long, value_name = "MB")]
     max_memory_mb: Option<u64>,
@@ -90,6 +97,26 @@ impl From<PresetName> for Preset {
             PresetName::Fast => Self::Fast,
             PresetName::Balanced => Self::Balanced,
             PresetName::Accurate => Self::Accurate,
+        }
+    }
+}
+
+#[derive(Clone, Copy, Debug, ValueEnum)]
+enum DeviceArgument {
+    /// The processor
+    Cpu,
+    /// A GPU, through Vulkan, Metal or DirectX 12
+    Gpu,
+    /// The GPU's kernels, on the processor where there is no GPU: slow, for tests
+    Software,
+}
+
+impl From<DeviceArgument> for DeviceName {
+    fn from(name: DeviceArgument) -> Self {
+        match name {
+            DeviceArgument::Cpu => Self::Cpu,
+            DeviceArgument::Gpu => Self::Gpu,
+            DeviceArgument::Software => Self::Software,
         }
     }
 }
@@ -177,6 +204,7 @@ fn reconstruct(arguments: &Arguments, input: &Input) -> Result<ExitCode> {
             arguments.segmentation_network.as_deref(),
         )?,
         splat_steps: arguments.splat_steps.map(|steps| steps as usize),
+        device: Device::open(arguments.device.into(), arguments.cpu_fallback)?,
         memory_bytes: match arguments.max_memory_mb {
             Some(mb) => Some(mb.saturating_mul(1_000_000)),
             None => machine::available_bytes(),

@@ -23,6 +23,7 @@ mod bundle_adjustment;
 mod cloud;
 mod depth;
 mod depth_frames;
+pub mod device;
 #[cfg(test)]
 mod down_looking;
 pub mod feet;
@@ -68,6 +69,8 @@ pub struct Options {
     pub splat_preset: Option<Preset>,
     /// Number of training steps of the stage `splats` in place of the preset's.
     pub splat_steps: Option<usize>,
+    /// Where the stage `splats` trains.
+    pub device: device::Device,
     /// Memory that the stage `splats` may use, bytes, where it is known.
     pub memory_bytes: Option<u64>,
 }
@@ -98,6 +101,7 @@ pub fn pipeline(options: Options) -> Result<Pipeline<Input>, PipelineError> {
         Box::new(splats::SplatsStage {
             preset: options.splat_preset.unwrap_or(preset),
             steps: options.splat_steps,
+            device: options.device,
             memory_bytes: options.memory_bytes,
         }),
     ];

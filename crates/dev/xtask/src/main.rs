@@ -70,7 +70,12 @@ fn run(verb: Verb) -> anyhow::Result<Ending> {
             Ok(())
         }
         Verb::Setup { install } => setup::system_packages(
-            &[Purpose::Build, Purpose::Video, Purpose::Interoperability],
+            &[
+                Purpose::Build,
+                Purpose::Video,
+                Purpose::Graphics,
+                Purpose::Interoperability,
+            ],
             install,
         ),
         Verb::Test { install, quick } => test::run(install, quick),

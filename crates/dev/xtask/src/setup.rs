@@ -20,6 +20,8 @@ pub(crate) enum Purpose {
     Build,
     /// Encoding and decoding video while recording, validating and reading back.
     Video,
+    /// Rendering on a GPU, without one.
+    Graphics,
     /// The tests that open our sessions with other people's readers.
     Interoperability,
     /// The foreign renderer of a benchmark.
@@ -57,7 +59,7 @@ const fn package(name: &'static str, purpose: Purpose, reason: &'static str) -> 
     }
 }
 
-const PACKAGES: [Package; 34] = [
+const PACKAGES: [Package; 35] = [
     package(
         "gcc",
         Purpose::Build,
@@ -100,6 +102,11 @@ const PACKAGES: [Package; 34] = [
         "gstreamer1.0-libav",
         Purpose::Video,
         "decoding H.264 and H.265",
+    ),
+    package(
+        "mesa-vulkan-drivers",
+        Purpose::Graphics,
+        "Vulkan on the processor, for the tests of the renderer on the GPU",
     ),
     package(
         "python3-venv",
@@ -173,7 +180,7 @@ const PACKAGES: [Package; 34] = [
 /// Makes sure that the packages for these purposes are there. Prints nothing when they all are,
 /// beyond one line.
 pub(crate) fn system_packages(purposes: &[Purpose], install: bool) -> Result<()> {
-    if !succeeds(command("dpkg-query")?.arg("--version")) {
+    if !installs_packages()? {
         return check_by_trying(purposes);
     }
     let wanted = wanted(purposes);
@@ -214,6 +221,11 @@ pub(crate) fn system_packages(purposes: &[Purpose], install: bool) -> Result<()>
         println!("note: {error:#}; trying the install with the package lists at hand");
     }
     process::run(&mut install_them).context("installing system packages")
+}
+
+/// Whether packages are installed here, so that nothing that they contain may be missing.
+pub(crate) fn installs_packages() -> Result<bool> {
+    Ok(succeeds(command("dpkg-query")?.arg("--version")))
 }
 
 /// Makes sure that `cargo fmt` and `cargo clippy` are there: the minimal toolchain has neither.
@@ -379,6 +391,8 @@ fn trials(purpose: Purpose) -> &'static [Trial] {
             ("a static busybox", "busybox", &["true"]),
             ("cpio", "cpio", &["--version"]),
         ],
+        // Without a driver the tests skip themselves.
+        Purpose::Graphics => &[],
         // Without LLVM the renderer interprets.
         Purpose::Rendering => &[],
         Purpose::Fuzzing => &[(

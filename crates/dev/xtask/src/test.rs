@@ -38,7 +38,7 @@ struct Step {
 /// Runs the checks; the error names the steps that failed. With `quick`: no Python readers, only
 /// the unit tests, no documentation, no cargo deny.
 pub(crate) fn run(install: bool, quick: bool) -> Result<()> {
-    let mut purposes = vec![Purpose::Build, Purpose::Video];
+    let mut purposes = vec![Purpose::Build, Purpose::Video, Purpose::Graphics];
     if !quick {
         purposes.push(Purpose::Interoperability);
     }
@@ -80,7 +80,7 @@ pub(crate) fn run(install: bool, quick: bool) -> Result<()> {
 }
 
 /// Features that are disabled by default and nevertheless tested.
-const FEATURES: &str = "reconstruction/onnx";
+const FEATURES: &str = "reconstruction/gpu,reconstruction/onnx";
 
 fn step(name: &'static str, work: impl FnOnce() -> Result<Ending>) -> Step {
     println!("\n== {name}");
@@ -127,6 +127,10 @@ fn tests(quick: bool, python: Option<std::path::PathBuf>, report: &mut Report) -
     command.args(["--", "--show-output"]);
     if let Some(python) = python {
         command.env("PAWS_PYTHON", python);
+    }
+    if setup::installs_packages()? {
+        // Vulkan is there: tests of the GPU fail where it does not work, and do not skip.
+        command.env("PAWS_GPU_REQUIRED", "1");
     }
     match process::data_folder()? {
         Some(folder) => {

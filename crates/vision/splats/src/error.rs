@@ -59,6 +59,12 @@ pub enum SplatError {
         /// What is not finite.
         reason: String,
     },
+    /// A device that runs the steps of a training failed; the state before them is kept.
+    #[error("training on a device failed: {reason}")]
+    Device {
+        /// What the device says.
+        reason: String,
+    },
     /// A checkpoint is not one of this training: start from the beginning.
     #[error("the checkpoint of a training cannot be used: {reason}")]
     Checkpoint {

@@ -27,6 +27,7 @@ use self::checkpoint::CheckpointFile;
 use self::keyframes::{CameraKeyframes, ChosenKeyframe};
 use self::product::{Names, Views};
 use self::views::{BATCH, Inputs, RecordedView, ViewMaker};
+use super::device::Device;
 use super::preset::Preset;
 use crate::input::{HANDOFF, Input};
 use crate::pipeline::{Stage, StageError, Work};
@@ -51,6 +52,8 @@ pub(super) struct SplatsStage {
     pub(super) preset: Preset,
     /// Number of steps in place of the preset's.
     pub(super) steps: Option<usize>,
+    /// Where to train. Its name is a setting unless it is the processor: rounding differs.
+    pub(super) device: Device,
     /// Memory that may be used, bytes; not a setting, since no output depends on it.
     pub(super) memory_bytes: Option<u64>,
 }
@@ -79,7 +82,10 @@ impl Stage<Input> for SplatsStage {
     }
 
     fn settings(&self) -> Value {
-        json!({ "config": self.config() })
+        match self.device.setting() {
+            Value::Null => json!({ "config": self.config() }),
+            device => json!({ "config": self.config(), "device": device }),
+        }
     }
 
     fn run(&self, work: &Work<'_, Input>) -> Result<(), StageError> {
@@ -138,8 +144,18 @@ impl Stage<Input> for SplatsStage {
             held_out,
             &config,
             &checkpoint,
+            fit::On {
+                device: self.device.trainer()?,
+                falls_back: self.device.falls_back,
+            },
             &mut progress,
         )?;
+        if let Some(name) = self.device.name() {
+            work.note(format!("trained on {name}"));
+        }
+        if let Some(reason) = &fit.fell_back {
+            work.note(format!("continued on the processor: {reason}"));
+        }
         note_fit(work, &fit, views, held_out.len());
         let views = Views {
             records: usable.records,

@@ -17,10 +17,10 @@ const MAX_STEPS: usize = 8192;
 /// Moments of all Gaussians.
 #[derive(Clone, Debug)]
 pub(super) struct Adam {
-    first: Vec<Vec<f32>>,
-    second: Vec<Vec<f32>>,
+    pub(super) first: Vec<Vec<f32>>,
+    pub(super) second: Vec<Vec<f32>>,
     /// Steps of each Gaussian: of the harmonics above degree 0, of all others.
-    steps: [Vec<u16>; 2],
+    pub(super) steps: [Vec<u16>; 2],
     /// Factor on the first step and so on, from the bias of both moments.
     corrections: Vec<f32>,
 }

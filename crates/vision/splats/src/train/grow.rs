@@ -24,24 +24,26 @@ const SPLIT_SCALE: f32 = 1.6;
 /// Stream of random numbers of the samples.
 const STREAM: u64 = 0x7370_6c69;
 
-/// What was gathered of each Gaussian since the last round.
-#[derive(Clone, Copy, Debug, Default)]
-struct Observed {
+/// What was gathered of a Gaussian since the last round.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Observed {
     /// Largest error that it showed in a view, times pixels.
-    error_px: f32,
+    pub error_px: f32,
     /// Instants with an error above the limit, counted as they change.
-    instants: u32,
-    last_instant: Option<u32>,
-    /// Sum of absolute gradients, per half image, and their number.
-    gradient: f32,
-    views: u32,
+    pub instants: u32,
+    /// The last one of them.
+    pub last_instant: Option<u32>,
+    /// Sum of absolute gradients, per half image.
+    pub gradient: f32,
+    /// Number of views that showed it.
+    pub views: u32,
     /// Most pixels that it filled in a view.
-    weight_px: f32,
+    pub weight_px: f32,
 }
 
 #[derive(Clone, Debug)]
 pub(super) struct Growth {
-    observed: Vec<Observed>,
+    pub(super) observed: Vec<Observed>,
     seed: u64,
     rounds: u64,
 }

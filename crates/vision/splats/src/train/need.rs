@@ -8,6 +8,7 @@ use super::codec::{Codec, State, broken};
 use super::config::TrainConfig;
 use super::evaluate::Evaluation;
 use super::trainer::Trainer;
+use super::trainer::device::TrainingDevice;
 use super::view::TrainingView;
 use crate::error::SplatError;
 
@@ -122,6 +123,28 @@ impl GrowthByNeed {
         trainer: &mut Trainer,
         held_out: &[TrainingView],
     ) -> Result<(), SplatError> {
+        self.advance_with(trainer, held_out, None)
+    }
+
+    /// Some steps on a device, at most 100, or a check with all its steps.
+    ///
+    /// # Errors
+    /// Those of [`Trainer::run_on`].
+    pub fn advance_on(
+        &mut self,
+        trainer: &mut Trainer,
+        held_out: &[TrainingView],
+        device: &mut dyn TrainingDevice,
+    ) -> Result<(), SplatError> {
+        self.advance_with(trainer, held_out, Some(device))
+    }
+
+    fn advance_with(
+        &mut self,
+        trainer: &mut Trainer,
+        held_out: &[TrainingView],
+        mut device: Option<&mut dyn TrainingDevice>,
+    ) -> Result<(), SplatError> {
         let config = *trainer.config();
         let growth = &config.growth;
         let checks = growth.min_gain_db > 0.0 && held_out.len() >= MIN_VIEWS;
@@ -133,13 +156,20 @@ impl GrowthByNeed {
             && trainer.is_before_round();
         let has_grown = self.failed > 0 || trainer.scene().splats.len() as f32 >= self.next_count;
         if !(is_possible && has_grown && step >= self.next_step) {
-            trainer.step()?;
+            match device {
+                None => trainer.step().map(|_| ())?,
+                Some(device) => trainer.run_on(device, usize::MAX - step).map(|_| ())?,
+            }
             return Ok(());
         }
-        // The check takes the place of the round, which would forget what was gathered.
-        trainer.set_growth(false);
-        trainer.step()?;
-        let check = check(trainer, held_out, &config)?;
+        let before = trainer.clone();
+        let check = match parted(trainer, held_out, &config, &mut device) {
+            Ok(check) => check,
+            Err(error) => {
+                *trainer = before;
+                return Err(error);
+            }
+        };
         self.next_count = check.splats[0] as f32 * growth.check_factor;
         self.next_step = trainer.steps() + 2 * growth.check_steps;
         self.failed = if check.continues { 0 } else { self.failed + 1 };
@@ -207,11 +237,41 @@ impl State for GrowthCheck {
     }
 }
 
+/// Runs steps on the device, if there is one.
+fn run(
+    trainer: &mut Trainer,
+    steps: usize,
+    device: &mut Option<&mut dyn TrainingDevice>,
+) -> Result<(), SplatError> {
+    let mut done = 0;
+    while done < steps {
+        done += match device {
+            None => trainer.step().map(|_| 1)?,
+            Some(device) => trainer.run_on(&mut **device, steps - done)?,
+        };
+    }
+    Ok(())
+}
+
+/// The step before the check, and the check. It takes the place of the round, which would forget
+/// what was gathered. After an error the trainer must not be used.
+fn parted(
+    trainer: &mut Trainer,
+    held_out: &[TrainingView],
+    config: &TrainConfig,
+    device: &mut Option<&mut dyn TrainingDevice>,
+) -> Result<GrowthCheck, SplatError> {
+    trainer.set_growth(false);
+    run(trainer, 1, device)?;
+    check(trainer, held_out, config, device)
+}
+
 /// Compares both continuations; the trainer becomes the chosen one.
 fn check(
     trainer: &mut Trainer,
     held_out: &[TrainingView],
     config: &TrainConfig,
+    device: &mut Option<&mut dyn TrainingDevice>,
 ) -> Result<GrowthCheck, SplatError> {
     let step = trainer.steps();
     let mut same = trainer.clone();
@@ -220,9 +280,7 @@ fn check(
     let mut evaluations = [Evaluation::default(), Evaluation::default()];
     for (trainer, evaluation) in [&mut same, &mut larger].into_iter().zip(&mut evaluations) {
         trainer.set_growth(false);
-        for _ in 0..config.growth.check_steps {
-            trainer.step()?;
-        }
+        run(trainer, config.growth.check_steps, device)?;
         *evaluation = trainer.evaluate(held_out);
     }
     let splats = [&same, &larger].map(|trainer| trainer.scene().splats.len());

@@ -1,5 +1,7 @@
 //! A training, step by step.
 
+pub(super) mod device;
+
 use std::sync::Arc;
 
 use rayon::prelude::*;
@@ -214,14 +216,7 @@ impl Trainer {
         }
         self.growth
             .gather(&gradients, view, reduction, &self.config.growth);
-        self.steps += 1;
-        if self.grows && schedule::is_growth_round(&config, self.steps) {
-            self.grow(self.config.growth.max_share);
-        }
-        if schedule::is_reset(&self.config, self.steps) {
-            let opacity = self.config.growth.reset_opacity;
-            grow::reset_opacities(&mut self.scene.splats, &mut self.adam, opacity);
-        }
+        self.finish_steps(1);
         Ok(StepReport {
             step,
             view: index,
@@ -232,6 +227,18 @@ impl Trainer {
             splats: self.scene.splats.len(),
             visible: gradients.indices.len(),
         })
+    }
+
+    /// Counts steps, and changes the number of Gaussians after the last one where it is due.
+    fn finish_steps(&mut self, count: usize) {
+        self.steps += count;
+        if self.grows && schedule::is_growth_round(&self.config, self.steps) {
+            self.grow(self.config.growth.max_share);
+        }
+        if schedule::is_reset(&self.config, self.steps) {
+            let opacity = self.config.growth.reset_opacity;
+            grow::reset_opacities(&mut self.scene.splats, &mut self.adam, opacity);
+        }
     }
 
     /// Compares the scene with views, at their given poses and exposures.

@@ -1,8 +1,8 @@
 //! The training from views, with checkpoints.
 
 use splats::{
-    Background, GrowthByNeed, Scene, Sky, SplatError, TrainReport, Trainer, TrainingView,
-    points_from_views, splats_from_points,
+    Background, GrowthByNeed, Scene, Sky, SplatError, TrainReport, Trainer, TrainingDevice,
+    TrainingView, points_from_views, splats_from_points,
 };
 
 use super::checkpoint::CheckpointFile;
@@ -20,6 +20,16 @@ pub(super) struct Fit {
     /// Number of Gaussians at the start.
     pub(super) start_count: usize,
     pub(super) report: TrainReport,
+    /// Why the processor took over from the device.
+    pub(super) fell_back: Option<String>,
+}
+
+/// What runs the steps.
+pub(super) struct On {
+    /// The processor if there is none.
+    pub(super) device: Option<Box<dyn TrainingDevice>>,
+    /// Whether the processor takes over if the device fails.
+    pub(super) falls_back: bool,
 }
 
 /// Progress of a training.
@@ -63,13 +73,15 @@ pub fn start(views: &[TrainingView], config: &SplatsConfig) -> Result<Option<Sce
 /// Trains a scene, from its checkpoint if there is one.
 ///
 /// # Errors
-/// [`SplatError::Diverged`] and those of the views.
+/// [`SplatError::Diverged`], those of the views, and [`SplatError::Device`] if the device fails and
+/// the processor does not take over.
 pub(super) fn fit(
     scene: Scene,
     views: Vec<TrainingView>,
     held_out: &[TrainingView],
     config: &SplatsConfig,
     checkpoint: &CheckpointFile,
+    mut on: On,
     progress: &mut dyn FnMut(Progress),
 ) -> Result<Fit, SplatError> {
     let start_count = scene.splats.len();
@@ -82,10 +94,21 @@ pub(super) fn fit(
         }
     }
     let shown = &held_out[..held_out.len().min(SHOWN_VIEWS)];
-    let mut psnr_db = None;
+    let (mut psnr_db, mut fell_back) = (None, None);
     while trainer.steps() < config.train.steps {
         let before = trainer.steps();
-        growth.advance(&mut trainer, held_out)?;
+        let result = match &mut on.device {
+            None => growth.advance(&mut trainer, held_out),
+            Some(device) => growth.advance_on(&mut trainer, held_out, device.as_mut()),
+        };
+        match result {
+            Err(SplatError::Device { reason }) if on.falls_back => {
+                on.device = None;
+                fell_back = Some(reason);
+                continue;
+            }
+            other => other?,
+        }
         let steps = trainer.steps();
         if steps / CHECKPOINT_STEPS > before / CHECKPOINT_STEPS && steps < config.train.steps {
             checkpoint.write(&growth.checkpoint(&trainer)?);
@@ -99,6 +122,7 @@ pub(super) fn fit(
     }
     Ok(Fit {
         start_count,
+        fell_back,
         report: TrainReport {
             checks: growth.checks().to_vec(),
             evaluation: trainer.evaluate(held_out),

@@ -2,12 +2,13 @@ use std::fs;
 
 use ::splats::{
     Background, Camera, Exposure, RenderConfig, Renderer, Scene, Splat, SplatError, Splats,
+    TrainingDevice, TrainingRun, TrainingState,
 };
 use cad_transforms::RigidTransform;
 use camera_models::{CameraModel, Distortion};
 use serde_json::json;
 
-use super::fit::{fit, start};
+use super::fit::{On, fit, start};
 use super::*;
 
 const SIZE: (u32, u32) = (48, 32);
@@ -54,6 +55,67 @@ fn settings(steps: usize) -> SplatsConfig {
     config
 }
 
+fn processor() -> On {
+    On {
+        device: None,
+        falls_back: false,
+    }
+}
+
+/// A device that is lost after some runs of steps, which it leaves to nobody.
+struct Lost {
+    runs: usize,
+}
+
+impl TrainingDevice for Lost {
+    fn run(
+        &mut self,
+        _run: &TrainingRun<'_>,
+        state: TrainingState,
+    ) -> Result<TrainingState, SplatError> {
+        if self.runs == 0 {
+            let reason = "it was taken away".to_owned();
+            return Err(SplatError::Device { reason });
+        }
+        self.runs -= 1;
+        Ok(state)
+    }
+}
+
+#[test]
+fn the_processor_takes_over_from_a_lost_device_only_if_asked() {
+    let config = settings(260);
+    let training = views(6, 0.0);
+    for falls_back in [false, true] {
+        let mut steps = Vec::new();
+        let result = fit(
+            scene(&training, &config),
+            training.clone(),
+            &[],
+            &config,
+            &no_file(),
+            On {
+                device: Some(Box::new(Lost { runs: 1 })),
+                falls_back,
+            },
+            &mut |now| steps.push(now.steps),
+        );
+        // A run ends at a hundred steps.
+        assert_eq!(steps.first(), Some(&100));
+        match result {
+            Ok(fit) => {
+                assert!(falls_back && steps.contains(&101) && steps.ends_with(&[260]));
+                assert_eq!(fit.fell_back.as_deref(), Some("it was taken away"));
+            }
+            Err(error) => {
+                assert!(!falls_back, "{error}");
+                let expected = "training on a device failed: it was taken away";
+                assert_eq!(error.to_string(), expected);
+            }
+        }
+    }
+}
+
 /// Without checkpoint.
 fn no_file() -> CheckpointFile {
     CheckpointFile::new("/nowhere/splats.checkpoint".into(), &json!({}), &[])
@@ -88,6 +150,7 @@ fn a_killed_training_resumes_with_the_same_result() {
         &held_out,
         &config,
         &of("whole"),
+        processor(),
         &mut progress,
     )
     .expect("a training");
@@ -102,6 +165,7 @@ fn a_killed_training_resumes_with_the_same_result() {
         &held_out,
         &config,
         &of("killed"),
+        processor(),
         &mut |now| first = first.or(Some(now.steps)),
     )
     .expect("a training");
@@ -121,7 +185,15 @@ fn a_number_that_is_not_finite_is_an_error_with_its_step() {
     let mut training = views(4, 0.0);
     let scene = scene(&training, &config);
     training[0].exposure.matrix[1][1] = f32::NAN;
-    let result = fit(scene, training, &[], &config, &no_file(), &mut |_| {});
+    let result = fit(
+        scene,
+        training,
+        &[],
+        &config,
+        &no_file(),
+        processor(),
+        &mut |_| {},
+    );
     let error = result.err().expect("a failed training");
     assert!(
         matches!(error, SplatError::Diverged { step: 0..4, .. }),
