@@ -37,7 +37,7 @@ mod preset;
 pub mod rig;
 mod rolling_shutter;
 pub(crate) mod soles;
-mod splats;
+pub mod splats;
 pub mod tags;
 mod terrain;
 

@@ -31,6 +31,7 @@ mod rectify;
 mod sim;
 mod sim_images;
 mod soak;
+mod splats;
 mod stamp;
 mod sync;
 mod tag_detectors;
@@ -99,6 +100,7 @@ const BENCHMARKS: &[(&str, Run)] = &[
     ("sim", sim::run),
     ("sim_images", sim_images::run),
     ("soak", soak::run),
+    ("splats", splats::run),
     ("sync", sync::run),
     ("tag_detectors", tag_detectors::run),
     ("terrain", terrain::run),

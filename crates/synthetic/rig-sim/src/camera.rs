@@ -299,6 +299,11 @@ impl MonoCamera {
         self.radiance.degrade(conditions, which);
     }
 
+    /// Applies the softness of the lens alone.
+    pub(crate) fn soften(&mut self) {
+        self.radiance.soften();
+    }
+
     /// Blurs the luminance of the last exposed light by about a Gaussian of this sigma.
     pub(crate) fn blur(&mut self, sigma_px: f32) {
         self.radiance.blur(sigma_px);

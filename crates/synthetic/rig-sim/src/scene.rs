@@ -347,7 +347,7 @@ impl Scene {
     }
 
     /// Whether static geometry is nearer than `reach` lengths of `direction`.
-    pub(crate) fn is_hidden(
+    pub fn is_hidden(
         &self,
         from: &Vector3<f64>,
         direction: &Vector3<f64>,

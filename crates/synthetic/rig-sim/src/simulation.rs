@@ -38,12 +38,14 @@ mod ground_truth;
 mod imaging;
 mod sensors;
 mod settings;
+mod view_renderer;
 
 pub use self::frame_renderer::{FrameRenderer, FrameSource, StereoFrame};
 pub use self::ground_truth::{GroundTruth, TagObservation};
 pub use self::imaging::{EyeDifference, Imaging};
 pub use self::sensors::RigImu;
 pub use self::settings::{Settings, SimulationError, seconds};
+pub use self::view_renderer::{ViewImage, ViewRenderer};
 
 use self::sensors::{
     MAX_EXPOSURE_RATIO, NominalCamera, calibration_of, imus, nominal_cameras, sensors,
@@ -513,6 +515,11 @@ impl Simulation {
     /// Ground truth of a camera's images.
     pub fn ground_truth(&self, camera: usize) -> GroundTruth<'_> {
         GroundTruth::new(self, camera)
+    }
+
+    /// A camera for images of the static scene from any pose; an even number of columns and rows.
+    pub fn view_renderer(&self, model: &CameraModel, shutter: Shutter) -> ViewRenderer<'_> {
+        ViewRenderer::new(self, model, shutter)
     }
 
     /// All samples of an IMU in order, each with its index and its time, ns.

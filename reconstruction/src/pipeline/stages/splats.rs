@@ -19,8 +19,11 @@ use serde_json::{Value, json};
 use session_input::{Color, View};
 use splats::TrainingView;
 
+pub use self::config::SplatsConfig;
+pub use self::fit::start;
+pub use self::recorded_depth::{DepthOfPixels, RecordedDepth};
+
 use self::checkpoint::CheckpointFile;
-use self::config::SplatsConfig;
 use self::keyframes::{CameraKeyframes, ChosenKeyframe};
 use self::product::{Names, Views};
 use self::views::{BATCH, Inputs, RecordedView, ViewMaker};

@@ -26,12 +26,12 @@ use crate::meter;
 /// Units of a stored true depth, 1/m.
 const UNITS_PER_M: f32 = 8000.0;
 /// Margin of the mask around people and the wearer, in 640ths of the image width.
-const MASK_MARGIN: usize = 10;
+pub(crate) const MASK_MARGIN: usize = 10;
 /// Constants of the stage `depth`: minimum distance, m, number of disparities, and maximum ratio of
 /// sigma and depth.
-const MIN_DISTANCE_M: f64 = 0.25;
-const MAX_DISPARITIES: usize = 256;
-const MAX_RELATIVE_SIGMA: f64 = 0.2;
+pub(crate) const MIN_DISTANCE_M: f64 = 0.25;
+pub(crate) const MAX_DISPARITIES: usize = 256;
+pub(crate) const MAX_RELATIVE_SIGMA: f64 = 0.2;
 /// Disparity sigma that views of the true depth state, px.
 const TRUE_SIGMA_PX: f64 = 0.03;
 /// Of poses, m, as the stage `terrain` states it; here poses are true.
@@ -280,7 +280,7 @@ impl Camera {
 const HALF_STEP_NS: i64 = 5_000_000;
 
 /// A mask that is wider by a number of pixels to all sides.
-fn dilated(mask: &[bool], [width, height]: [usize; 2], margin: usize) -> Vec<bool> {
+pub(crate) fn dilated(mask: &[bool], [width, height]: [usize; 2], margin: usize) -> Vec<bool> {
     let wider = |mask: &[bool], length: usize, stride: usize| {
         let mut out = vec![false; mask.len()];
         for start in 0..mask.len() {

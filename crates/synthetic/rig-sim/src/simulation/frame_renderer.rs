@@ -1,5 +1,6 @@
 //! Renders the frames of one stereo camera in order.
 
+use std::ops::Range;
 use std::sync::Arc;
 use std::thread;
 
@@ -195,24 +196,34 @@ impl StereoFrame {
 
     /// Red, green, blue of each pixel of one eye, rows first.
     pub fn rgb(&self, eye: usize) -> Vec<[u8; 3]> {
-        let (width, half) = (self.width, self.width / 2);
-        let (luma, chroma) = self.i420.split_at(width * self.height);
-        let (cb, cr) = chroma.split_at(width * self.height / 4);
-        let pixel = |x: usize, y: usize| {
-            let c = y / 2 * half + x / 2;
-            let luma = f32::from(luma[y * width + x]);
-            let (b, r) = (f32::from(cb[c]) - 128.0, f32::from(cr[c]) - 128.0);
-            // The inverse of what the sensor does (BT.601).
-            [
-                luma + 1.402 * r,
-                luma - 0.344 * b - 0.714 * r,
-                luma + 1.772 * b,
-            ]
-            .map(|v| (v + 0.5).clamp(0.0, 255.0) as u8)
-        };
-        (0..self.height)
-            .flat_map(|y| (eye * half..(eye + 1) * half).map(move |x| (x, y)))
-            .map(|(x, y)| pixel(x, y))
-            .collect()
+        let half = self.width / 2;
+        let columns = eye * half..(eye + 1) * half;
+        rgb_of(&self.i420, [self.width, self.height], columns)
     }
+}
+
+/// Red, green, blue of some columns of an I420 image, rows first.
+pub(super) fn rgb_of(
+    i420: &[u8],
+    [width, height]: [usize; 2],
+    columns: Range<usize>,
+) -> Vec<[u8; 3]> {
+    let (luma, chroma) = i420.split_at(width * height);
+    let (cb, cr) = chroma.split_at(width * height / 4);
+    let pixel = |x: usize, y: usize| {
+        let c = y / 2 * (width / 2) + x / 2;
+        let luma = f32::from(luma[y * width + x]);
+        let (b, r) = (f32::from(cb[c]) - 128.0, f32::from(cr[c]) - 128.0);
+        // The inverse of what the sensor does (BT.601).
+        [
+            luma + 1.402 * r,
+            luma - 0.344 * b - 0.714 * r,
+            luma + 1.772 * b,
+        ]
+        .map(|v| (v + 0.5).clamp(0.0, 255.0) as u8)
+    };
+    (0..height)
+        .flat_map(|y| columns.clone().map(move |x| (x, y)))
+        .map(|(x, y)| pixel(x, y))
+        .collect()
 }

@@ -7,7 +7,7 @@ use super::super::preset::Preset;
 
 config! {
     /// Which images train the scene, and how.
-    pub(super) struct SplatsConfig {
+    pub struct SplatsConfig {
         /// Factor by which images are reduced before the training: memory and time fall with its
         /// square.
         pub reduction: u32 = 1,
@@ -43,7 +43,7 @@ config! {
 
 impl SplatsConfig {
     /// Configuration of a preset, with another number of steps if one is given.
-    pub(super) fn preset(preset: Preset, steps: Option<usize>) -> Self {
+    pub fn preset(preset: Preset, steps: Option<usize>) -> Self {
         let mut config = Self {
             train: TrainConfig::preset(match preset {
                 Preset::Fast => ::splats::Preset::Fast,

@@ -33,7 +33,10 @@ pub(super) struct Progress {
 
 /// The scene at the start: discs at depths before a sky of the mean color of the rest. `None` where
 /// no pixel has depth.
-pub(super) fn start(
+///
+/// # Errors
+/// Those of the discs and of the sky.
+pub fn start(
     views: &[TrainingView],
     config: &SplatsConfig,
 ) -> Result<Option<Scene>, SplatError> {

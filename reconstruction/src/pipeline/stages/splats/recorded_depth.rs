@@ -9,19 +9,22 @@ use scene_bundle::outputs::depth::{DEPTH_UNIT_M, DepthImage, DepthView, SIGMA_UN
 
 /// For each pixel of the recorded left image the pixel of the view, and the depth along the axis of
 /// the left image for a unit of depth along that of the view.
-pub(super) struct RecordedDepth {
+pub struct RecordedDepth {
     pixels: Vec<Option<(u32, f32)>>,
 }
 
 /// Depth and its standard deviation by recorded pixel, m; NaN where unknown.
 #[derive(Debug, Default)]
-pub(super) struct DepthOfPixels {
-    pub(super) depth_m: Vec<f32>,
-    pub(super) sigma_m: Vec<f32>,
+pub struct DepthOfPixels {
+    /// Depth along the optical axis.
+    pub depth_m: Vec<f32>,
+    /// Its standard deviation.
+    pub sigma_m: Vec<f32>,
 }
 
 impl RecordedDepth {
-    pub(super) fn new(view: &DepthView, left: &CameraModel) -> Self {
+    /// For a view and the lens of the recorded left image.
+    pub fn new(view: &DepthView, left: &CameraModel) -> Self {
         let (recorded, pinhole) = (Lens::new(left), Lens::new(&view.model));
         let left_from_view = view.view_from_left.inverse();
         let [width, height] = [view.model.width, view.model.height];
@@ -42,7 +45,7 @@ impl RecordedDepth {
     }
 
     /// Depth of an image. Errors of poses enlarge its standard deviation.
-    pub(super) fn of(&self, image: &DepthImage, pose_sigma_m: f32) -> DepthOfPixels {
+    pub fn of(&self, image: &DepthImage, pose_sigma_m: f32) -> DepthOfPixels {
         let units = |of: &[u16], pixel: u32, unit_m: f64| {
             let value = of.get(pixel as usize).copied().unwrap_or(0);
             (value > 0).then_some((f64::from(value) * unit_m) as f32)
