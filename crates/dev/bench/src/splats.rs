@@ -15,7 +15,7 @@ use anyhow::{Context, Result, bail, ensure};
 use serde_json::{Map, Value, json};
 use splats::{Evaluation, TrainingView};
 
-mod fit;
+pub(crate) mod fit;
 pub(crate) mod off_path;
 pub(crate) mod recorded;
 pub(crate) mod views;
@@ -239,7 +239,10 @@ impl Options {
         };
         let mut rest = args.iter();
         while let Some(argument) = rest.next() {
-            let mut value = || rest.next().with_context(|| format!("{argument} needs a value"));
+            let mut value = || {
+                rest.next()
+                    .with_context(|| format!("{argument} needs a value"))
+            };
             let list = |text: &String| text.split(',').map(str::to_owned).collect();
             match argument.as_str() {
                 "--quick" => parsed.quick = true,

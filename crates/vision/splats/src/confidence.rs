@@ -22,8 +22,8 @@ mod tests;
 
 pub use channels::CoverageImage;
 pub use config::{ConfidenceConfig, CoverageConfig, MeasureConfig};
-pub use coverage::{Coverage, SeenGaussian};
+pub use coverage::{Coverage, ObservedGaussian};
 pub use directions::{DIRECTIONS, Directions};
 pub use measure::Confidence;
-pub use sky::SeenSky;
-pub use space::{SeenSpace, SpaceBlock};
+pub use sky::ObservedSky;
+pub use space::{ObservedSpace, SpaceBlock};

@@ -69,7 +69,7 @@ mod train;
 pub use camera::{Camera, Shutter};
 pub use confidence::{
     Confidence, ConfidenceConfig, Coverage, CoverageConfig, CoverageImage, DIRECTIONS, Directions,
-    MeasureConfig, SeenGaussian, SeenSky, SeenSpace, SpaceBlock,
+    MeasureConfig, ObservedGaussian, ObservedSky, ObservedSpace, SpaceBlock,
 };
 pub use config::RenderConfig;
 pub use error::SplatError;

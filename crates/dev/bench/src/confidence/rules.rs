@@ -53,7 +53,9 @@ pub(crate) fn counts(samples: &[Sample], flagged: &[bool]) -> Counts {
 
 /// Our measure.
 pub(crate) fn measure(samples: &[Sample], config: &MeasureConfig) -> Verdicts {
-    let all = samples.iter().map(|sample| sample.channels.confidence(config));
+    let all = samples
+        .iter()
+        .map(|sample| sample.channels.confidence(config));
     let (uncertainty, flagged) = all
         .map(|of| (-f64::from(of.psnr_db), of.is_outside))
         .unzip();

@@ -57,7 +57,10 @@ pub(crate) fn samples(walk: Walk, sampling: Sampling, kept: Option<&Path>) -> Re
     let seconds = walk.span_s[1] - walk.span_s[0];
     let name = format!("{}-{seconds}-{steps}-{views}", walk.name());
     let path = kept.map(|folder| folder.join(name));
-    if let Some(path) = path.as_ref().filter(|path| path.with_extension("json").exists()) {
+    if let Some(path) = path
+        .as_ref()
+        .filter(|path| path.with_extension("json").exists())
+    {
         return read(path);
     }
     let samples = rendered(walk, sampling)?;
@@ -93,7 +96,8 @@ fn rendered(walk: Walk, sampling: Sampling) -> Result<Vec<Sample>> {
         let kept = kept(channels.width, channels.height);
         let error = |pixel: &usize| {
             let recorded = |c: usize| f32::from(view.rgb[3 * pixel + c]) / 255.0;
-            let errors = [0, 1, 2].map(|c| (image.rgb[c][*pixel].clamp(0.0, 1.0) - recorded(c)).abs());
+            let errors =
+                [0, 1, 2].map(|c| (image.rgb[c][*pixel].clamp(0.0, 1.0) - recorded(c)).abs());
             errors.iter().sum::<f32>() / 3.0
         };
         Ok(Sample {
@@ -144,7 +148,10 @@ fn planes(of: &mut CoverageImage) -> [&mut Vec<f32>; 10] {
 
 /// Median of the relative errors of depth.
 fn depth_error(rendered_m: &[f32], true_m: &[f32]) -> f64 {
-    let both = rendered_m.iter().zip(true_m).filter(|(_, truth)| truth.is_finite());
+    let both = rendered_m
+        .iter()
+        .zip(true_m)
+        .filter(|(_, truth)| truth.is_finite());
     let errors = both.map(|(rendered, truth)| match rendered.is_finite() {
         true => f64::from((rendered - truth).abs() / truth),
         false => 1.0,

@@ -3,7 +3,7 @@
 //! Contract: `splats.json` has sectors, views and the training; each sector is a `.ply` file as
 //! 3DGS writes it, in the world of the bundle; `sky.npy` the colors behind the Gaussians, where
 //! they depend on the direction; `held-out/N.png` view N as recorded and as rendered, side by side,
-//! of some views; `NNN-seen.npy`, `seen-space.npy` and `seen-sky.npy` what the views of the training
+//! of some views; `NNN-coverage.npy`, `free-space.npy` and `sky-coverage.npy` what the views of the training
 //! saw ([`SplatCoverage`]). Every Gaussian is in the sector in whose box its mean is. Its parameters are
 //! finite.
 
@@ -11,7 +11,7 @@ mod coverage;
 mod record;
 
 pub use coverage::{
-    SplatCoverage, SplatCoverageContent, SplatSeen, SplatSpaceBlock, read_coverage,
+    SplatCoverage, SplatCoverageContent, SplatObserved, SplatSpaceBlock, read_coverage,
 };
 pub use record::{
     HeldOut, SplatBackground, SplatCheck, SplatNeighbor, SplatScene, SplatSector, SplatShutter,

@@ -114,7 +114,7 @@ fn scene() -> SplatScene {
 
 /// What was seen of five Gaussians in each of some sectors: nothing of the first one.
 fn coverage(sectors: usize) -> SplatCoverageContent {
-    let seen = (0..5).map(|i| SplatSeen {
+    let seen = (0..5).map(|i| SplatObserved {
         instants: 3 * i,
         directions: u64::from(i) << 40,
         finest_m: 0.01 * i as f32,
@@ -261,7 +261,9 @@ fn coverage_that_contradicts_the_scene_is_refused() {
             comparisons: &[],
             coverage: seen,
         };
-        splats::write(&draft, &scene, &content).unwrap_err().to_string()
+        splats::write(&draft, &scene, &content)
+            .unwrap_err()
+            .to_string()
     };
     assert!(refused(true, None).contains("both or none"));
     assert!(refused(false, Some(&coverage(2))).contains("both or none"));
@@ -292,7 +294,7 @@ fn hostile_coverage_is_an_error_with_its_place() {
     let (_folder, original) = bundle(write);
     let from = reader(&original);
     let record = splats::read(&from).unwrap();
-    for path in ["000-seen.npy", "seen-space.npy", "seen-sky.npy"] {
+    for path in ["000-coverage.npy", "free-space.npy", "sky-coverage.npy"] {
         let file = from.read(path).unwrap();
         // Cut, with a wrong byte in the header, and with rows of ones.
         let short = file[..file.len() - 1].to_vec();
@@ -315,7 +317,10 @@ fn hostile_coverage_is_an_error_with_its_place() {
     let older = format!("{}}}", &json[..at]);
     let (_folder, scene) = forged("splats.json", older.as_bytes());
     let scene_record = splats::read(&reader(&scene)).unwrap();
-    assert_eq!(splats::read_coverage(&reader(&scene), &scene_record).unwrap(), None);
+    assert_eq!(
+        splats::read_coverage(&reader(&scene), &scene_record).unwrap(),
+        None
+    );
 }
 
 /// The output with a file replaced, hashes of the manifest included: what a stranger can write.

@@ -178,9 +178,7 @@ impl Coverage {
             .map(|ray| {
                 let depth_m = out.median_depth_m[ray.pixel];
                 let length_m = match depth_m.is_finite() {
-                    true => {
-                        depth_m * ray.length_per_depth - SURFACE_VOXELS * self.space.voxel_m()
-                    }
+                    true => depth_m * ray.length_per_depth - SURFACE_VOXELS * self.space.voxel_m(),
                     false => self.space.range_m(),
                 };
                 let space = self.space.unseen_share(center, ray.direction, length_m);

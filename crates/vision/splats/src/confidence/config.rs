@@ -70,10 +70,25 @@ impl CoverageConfig {
             }),
         };
         let (voxel, range) = (f64::from(self.voxel_m), f64::from(self.range_m));
-        setting("voxel_m", voxel, (0.01..=10.0).contains(&voxel), "0.01 to 10")?;
-        setting("range_m", range, (0.0..=1000.0).contains(&range), "0 to 1000")?;
+        setting(
+            "voxel_m",
+            voxel,
+            (0.01..=10.0).contains(&voxel),
+            "0.01 to 10",
+        )?;
+        setting(
+            "range_m",
+            range,
+            (0.0..=1000.0).contains(&range),
+            "0 to 1000",
+        )?;
         setting("step_px", self.step_px as f64, self.step_px > 0, "above 0")?;
         let sky = self.sky_texels;
-        setting("sky_texels", sky as f64, (2..=4096).contains(&sky), "2 to 4096")
+        setting(
+            "sky_texels",
+            sky as f64,
+            (2..=4096).contains(&sky),
+            "2 to 4096",
+        )
     }
 }

@@ -7,17 +7,17 @@ use rayon::prelude::*;
 use super::config::CoverageConfig;
 use super::directions::Directions;
 use super::rays;
-use super::sky::SeenSky;
-use super::space::SeenSpace;
+use super::sky::ObservedSky;
+use super::space::ObservedSpace;
 use crate::camera::Camera;
 use crate::error::SplatError;
 use crate::render::{Pass, Renderer};
-use crate::scene::{Plane, Scene};
+use crate::scene::{Exposure, Plane, Scene};
 use crate::train::TrainingView;
 
 /// What views saw of a Gaussian.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct SeenGaussian {
+pub struct ObservedGaussian {
     /// Instants that saw it.
     pub instants: u32,
     /// Directions from its mean to the cameras that saw it.
@@ -35,9 +35,9 @@ pub struct SeenGaussian {
 /// the sky.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Coverage {
-    pub(super) gaussians: Vec<SeenGaussian>,
-    pub(super) space: SeenSpace,
-    pub(super) sky: SeenSky,
+    pub(super) gaussians: Vec<ObservedGaussian>,
+    pub(super) space: ObservedSpace,
+    pub(super) sky: ObservedSky,
 }
 
 /// Sums over the pixels of a view, of one Gaussian.
@@ -62,7 +62,7 @@ impl Sums {
 
 impl Coverage {
     /// From its parts, one record for each Gaussian of the scene.
-    pub fn new(gaussians: Vec<SeenGaussian>, space: SeenSpace, sky: SeenSky) -> Self {
+    pub fn new(gaussians: Vec<ObservedGaussian>, space: ObservedSpace, sky: ObservedSky) -> Self {
         Self {
             gaussians,
             space,
@@ -71,17 +71,17 @@ impl Coverage {
     }
 
     /// What was seen of each Gaussian, in the order of the scene.
-    pub fn gaussians(&self) -> &[SeenGaussian] {
+    pub fn gaussians(&self) -> &[ObservedGaussian] {
         &self.gaussians
     }
 
     /// Space through which views looked.
-    pub fn space(&self) -> &SeenSpace {
+    pub fn space(&self) -> &ObservedSpace {
         &self.space
     }
 
     /// Directions in which views saw sky.
-    pub fn sky(&self) -> &SeenSky {
+    pub fn sky(&self) -> &ObservedSky {
         &self.sky
     }
 
@@ -97,6 +97,21 @@ impl Coverage {
         views: &[TrainingView],
         config: &CoverageConfig,
     ) -> Result<Self, SplatError> {
+        let posed: Vec<(Camera, Exposure)> = views
+            .iter()
+            .map(|view| (view.camera.clone(), view.exposure))
+            .collect();
+        Self::gather_at(renderer, scene, views, &posed, config)
+    }
+
+    /// The same with a camera and exposure of each view in place of its own.
+    pub(crate) fn gather_at(
+        renderer: &Renderer,
+        scene: &Scene,
+        views: &[TrainingView],
+        posed: &[(Camera, Exposure)],
+        config: &CoverageConfig,
+    ) -> Result<Self, SplatError> {
         config.check()?;
         for view in views {
             view.check()?;
@@ -108,14 +123,15 @@ impl Coverage {
         let mut sums = vec![Sums::default(); count];
         let mut last_instant: Vec<Option<u32>> = vec![None; count];
         let mut coverage = Self {
-            gaussians: vec![SeenGaussian::default(); count],
-            space: SeenSpace::new(config.voxel_m, config.range_m),
-            sky: SeenSky::none(config.sky_texels),
+            gaussians: vec![ObservedGaussian::default(); count],
+            space: ObservedSpace::new(config.voxel_m, config.range_m),
+            sky: ObservedSky::none(config.sky_texels),
         };
         let positions = &scene.splats.planes()[Plane::POSITION..];
-        for view in order.into_iter().map(|k| &views[k]) {
-            let pass = renderer.forward(scene, &view.camera, &view.exposure);
-            let center = center(&view.camera);
+        for number in order {
+            let (view, (camera, exposure)) = (&views[number], &posed[number]);
+            let pass = renderer.forward(scene, camera, exposure);
+            let center = center(camera);
             for (index, (of_view, z)) in sums_of(renderer, &pass, view) {
                 let k = index as usize;
                 sums[k].add(&of_view);
@@ -125,7 +141,7 @@ impl Coverage {
                 let seen = &mut coverage.gaussians[k];
                 let to_camera = [0, 1, 2].map(|axis| center[axis] - positions[axis][k]);
                 seen.directions.insert(to_camera);
-                let size_m = z / focal(&view.camera);
+                let size_m = z / focal(camera);
                 seen.finest_m = match seen.instants {
                     0 => size_m,
                     _ => seen.finest_m.min(size_m),
@@ -135,7 +151,7 @@ impl Coverage {
                     last_instant[k] = Some(view.instant);
                 }
             }
-            coverage.insert_rays(&pass, view, config);
+            coverage.insert_rays(&pass, view, camera, config);
         }
         for (seen, sums) in coverage.gaussians.iter_mut().zip(&sums) {
             let mean = |sum: f64, weight: f64| (weight > 0.0).then(|| sum / weight);
@@ -147,15 +163,21 @@ impl Coverage {
     }
 
     /// Adds the space and the sky that a view shows.
-    fn insert_rays(&mut self, pass: &Pass, view: &TrainingView, config: &CoverageConfig) {
-        let rays = rays::rays(&view.camera, config.step_px);
-        let center = center(&view.camera);
+    fn insert_rays(
+        &mut self,
+        pass: &Pass,
+        view: &TrainingView,
+        camera: &Camera,
+        config: &CoverageConfig,
+    ) {
+        let rays = rays::rays(camera, config.step_px);
+        let center = center(camera);
         let usable = |pixel: usize| view.mask.get(pixel).copied().unwrap_or(true);
         // Parts in a fixed number, so that the work is the same on any number of threads.
-        let parts: Vec<SeenSpace> = rays
+        let parts: Vec<ObservedSpace> = rays
             .par_chunks(1024)
             .map(|rays| {
-                let mut space = SeenSpace::new(config.voxel_m, config.range_m);
+                let mut space = ObservedSpace::new(config.voxel_m, config.range_m);
                 for ray in rays.iter().filter(|ray| usable(ray.pixel)) {
                     let depth_m = pass.image.median_depth_m[ray.pixel];
                     let length_m = match depth_m.is_finite() {

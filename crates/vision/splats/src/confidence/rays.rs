@@ -17,7 +17,10 @@ pub(super) struct Ray {
 /// Rays of the middles of blocks of `step` x `step` pixels, row by row; none of pixels that look
 /// backward or nowhere. The motion of a rolling shutter is not in them.
 pub(super) fn rays(camera: &Camera, step: usize) -> Vec<Ray> {
-    let (width, height) = (camera.model().width as usize, camera.model().height as usize);
+    let (width, height) = (
+        camera.model().width as usize,
+        camera.model().height as usize,
+    );
     let (columns, rows) = (width.div_ceil(step), height.div_ceil(step));
     let world_from_camera = camera.camera_from_world().inverse();
     let rays = (0..columns * rows).into_par_iter().filter_map(|block| {

@@ -9,20 +9,20 @@ const MIN_WEIGHT: f32 = 0.1;
 /// A map of directions, laid out as a [`Sky`](crate::Sky).
 ///
 /// ```
-/// use splats::SeenSky;
+/// use splats::ObservedSky;
 ///
-/// let mut sky = SeenSky::none(32);
+/// let mut sky = ObservedSky::none(32);
 /// sky.insert([0.1, 0.2, 1.0]);
 /// assert!(sky.contains([0.1, 0.2, 1.0]));
 /// assert!(!sky.contains([1.0, 0.2, 0.1]));
 /// ```
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct SeenSky {
+pub struct ObservedSky {
     size: usize,
     texels: Vec<bool>,
 }
 
-impl SeenSky {
+impl ObservedSky {
     /// No direction, in a map of `size` x `size` texels.
     pub fn none(size: usize) -> Self {
         Self {
@@ -63,9 +63,7 @@ impl SeenSky {
     /// Whether a direction in the world was seen: all texels that color it.
     pub fn contains(&self, direction: [f32; 3]) -> bool {
         let taps = taps(self.size, direction);
-        let mut texels = taps
-            .into_iter()
-            .filter(|(_, weight)| *weight > MIN_WEIGHT);
+        let mut texels = taps.into_iter().filter(|(_, weight)| *weight > MIN_WEIGHT);
         texels.all(|(index, _)| self.texels[index])
     }
 }

@@ -17,22 +17,22 @@ pub type SpaceBlock = ([i32; 3], u64);
 /// Voxels that rays passed.
 ///
 /// ```
-/// use splats::SeenSpace;
+/// use splats::ObservedSpace;
 ///
-/// let mut space = SeenSpace::new(0.25, 20.0);
+/// let mut space = ObservedSpace::new(0.25, 20.0);
 /// space.insert_ray([0.0; 3], [1.0, 0.0, 0.0], 5.0);
 /// assert_eq!(space.unseen_share([0.1, 0.0, 0.0], [1.0, 0.0, 0.0], 4.0), 0.0);
 /// assert!(space.unseen_share([0.1, 2.0, 0.0], [1.0, 0.0, 0.0], 4.0) == 1.0);
 /// assert!((space.unseen_share([0.1, 0.0, 0.0], [1.0, 0.0, 0.0], 10.0) - 0.5).abs() < 0.05);
 /// ```
 #[derive(Clone, Debug, PartialEq)]
-pub struct SeenSpace {
+pub struct ObservedSpace {
     voxel_m: f32,
     range_m: f32,
     blocks: BTreeMap<[i32; 3], u64>,
 }
 
-impl SeenSpace {
+impl ObservedSpace {
     /// Nothing was seen, in voxels with an edge of `voxel_m`. Rays end at a distance of `range_m`.
     pub fn new(voxel_m: f32, range_m: f32) -> Self {
         Self {

@@ -31,7 +31,7 @@ fn walls() -> Scene {
     }
 }
 
-/// A camera at a point that looks along x, y down, turned by `yaw_rad` about y.
+/// A camera at a point that looks along x, y down, rotated by `yaw_rad` about y.
 fn camera(center: [f64; 3], yaw_rad: f64) -> crate::Camera {
     let [width, height] = SIZE.map(|edge| edge as u32);
     let model = CameraModel::new((width, height), [70.0, 70.0, 47.5, 31.5], Distortion::None);
@@ -76,7 +76,10 @@ fn weights_sum_to_the_alpha_of_the_image() {
     let (renderer, scene) = (renderer(), walls());
     let camera = camera([0.5, 0.2, 0.3], 0.4);
     let pass = renderer.forward(&scene, &camera, &Exposure::NONE);
-    let (mut alpha, mut depth) = (vec![0.0_f32; camera.pixels()], vec![0.0_f32; camera.pixels()]);
+    let (mut alpha, mut depth) = (
+        vec![0.0_f32; camera.pixels()],
+        vec![0.0_f32; camera.pixels()],
+    );
     for tile in 0..pass.tiles() {
         let z: Vec<f32> = pass.entries(tile).map(|(_, z)| z).collect();
         assert!(z.is_sorted());
@@ -103,7 +106,10 @@ fn gaussians_know_what_saw_them() {
     assert_eq!((front.instants, behind.instants), (8, 0));
     assert!((front.finest_m - 3.0 / 70.0).abs() < 1e-4, "{front:?}");
     // Images are the scene's own, rounded to 8 bits.
-    assert!(front.color_error < 0.003 && front.depth_error < 1e-3, "{front:?}");
+    assert!(
+        front.color_error < 0.003 && front.depth_error < 1e-3,
+        "{front:?}"
+    );
     assert!((behind.finest_m, behind.color_error) == (0.0, 1.0) && behind.depth_error.is_nan());
     assert!(front.directions.angle_rad([-1.0, 0.0, 0.0]) < 0.4);
     assert!(front.directions.angle_rad([1.0, 0.0, 0.0]) > 2.0);
@@ -116,11 +122,12 @@ fn errors_of_views_are_those_of_the_gaussians_there() {
     let (renderer, scene) = (renderer(), walls());
     let mut views = views(&renderer, &scene);
     for view in &mut views {
-        view.rgb.iter_mut().for_each(|value| *value = value.saturating_sub(26));
+        view.rgb
+            .iter_mut()
+            .for_each(|value| *value = value.saturating_sub(26));
         view.depth_m.iter_mut().for_each(|depth| *depth *= 1.25);
     }
-    let coverage =
-        Coverage::gather(&renderer, &scene, &views, &CoverageConfig::default()).unwrap();
+    let coverage = Coverage::gather(&renderer, &scene, &views, &CoverageConfig::default()).unwrap();
     let seen = coverage.gaussians()[30 * 30 + 15];
     assert!((seen.color_error - 0.1).abs() < 0.01, "{seen:?}");
     assert!((seen.depth_error - 0.2).abs() < 0.01, "{seen:?}");
@@ -146,7 +153,12 @@ fn confidence_falls_with_the_distance_from_what_was_seen() {
     let aside = measure(&camera([0.0, 0.0, 2.5], 0.0));
     let behind = measure(&camera([0.0, 0.0, 0.0], std::f64::consts::PI));
     assert!(trained.image > 0.9 && trained.psnr_db > 30.0 && !trained.is_outside);
-    assert!(near.image > 0.8 && !near.is_outside, "{} {}", near.image, near.psnr_db);
+    assert!(
+        near.image > 0.8 && !near.is_outside,
+        "{} {}",
+        near.image,
+        near.psnr_db
+    );
     assert!(aside.image < near.image && behind.image < 0.1);
     assert!(behind.is_outside && behind.psnr_db < aside.psnr_db);
     assert!(behind.psnr_db < 14.0, "{}", behind.psnr_db);
@@ -170,10 +182,15 @@ fn a_closer_look_is_a_magnification() {
 fn threads_change_no_byte() {
     let (renderer, scene) = (renderer(), walls());
     let run = |threads: usize| {
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        let pool = rayon::ThreadPoolBuilder::new()
+            .num_threads(threads)
+            .build()
+            .unwrap();
         pool.install(|| {
             let coverage = coverage(&renderer, &scene);
-            let image = coverage.render(&renderer, &scene, &camera([0.4, 0.1, 0.8], 0.6)).unwrap();
+            let image = coverage
+                .render(&renderer, &scene, &camera([0.4, 0.1, 0.8], 0.6))
+                .unwrap();
             (coverage, image.confidence(&MeasureConfig::default()).pixels)
         })
     };
@@ -197,9 +214,18 @@ fn a_scene_of_another_size_and_wrong_settings_are_refused() {
     let camera = camera([0.0; 3], 0.0);
     assert!(coverage.render(&renderer, &other, &camera).is_err());
     for wrong in [
-        CoverageConfig { voxel_m: f32::NAN, ..CoverageConfig::default() },
-        CoverageConfig { step_px: 0, ..CoverageConfig::default() },
-        CoverageConfig { sky_texels: 1, ..CoverageConfig::default() },
+        CoverageConfig {
+            voxel_m: f32::NAN,
+            ..CoverageConfig::default()
+        },
+        CoverageConfig {
+            step_px: 0,
+            ..CoverageConfig::default()
+        },
+        CoverageConfig {
+            sky_texels: 1,
+            ..CoverageConfig::default()
+        },
     ] {
         assert!(Coverage::gather(&renderer, &scene, &[], &wrong).is_err());
     }

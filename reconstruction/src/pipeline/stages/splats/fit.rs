@@ -1,7 +1,7 @@
 //! The training from views, with checkpoints.
 
 use splats::{
-    Background, GrowthByNeed, Scene, Sky, SplatError, TrainReport, Trainer, TrainingView,
+    Background, Coverage, GrowthByNeed, Scene, Sky, SplatError, TrainReport, Trainer, TrainingView,
     points_from_views, splats_from_points,
 };
 
@@ -20,6 +20,8 @@ pub(super) struct Fit {
     /// Number of Gaussians at the start.
     pub(super) start_count: usize,
     pub(super) report: TrainReport,
+    /// What the views of the training saw of it.
+    pub(super) coverage: Coverage,
 }
 
 /// Progress of a training.
@@ -36,10 +38,7 @@ pub(super) struct Progress {
 ///
 /// # Errors
 /// Those of the discs and of the sky.
-pub fn start(
-    views: &[TrainingView],
-    config: &SplatsConfig,
-) -> Result<Option<Scene>, SplatError> {
+pub fn start(views: &[TrainingView], config: &SplatsConfig) -> Result<Option<Scene>, SplatError> {
     let points = points_from_views(views, &config.start);
     if points.is_empty() {
         return Ok(None);
@@ -106,6 +105,7 @@ pub(super) fn fit(
             checks: growth.checks().to_vec(),
             evaluation: trainer.evaluate(held_out),
         },
+        coverage: trainer.coverage(&config.coverage)?,
         scene: trainer.scene().clone(),
     })
 }

@@ -1,9 +1,9 @@
 //! What the views of a training saw of a scene, from which images from other cameras get a
 //! confidence.
 //!
-//! Contract: `NNN-seen.npy` has a row for each Gaussian of the sector `NNN`, in the order of its
-//! file; `seen-space.npy` a row for each block of 4x4x4 voxels through which a view looked, in the
-//! order of their indices; `seen-sky.npy` a 1 for each texel in whose direction a view saw sky.
+//! Contract: `NNN-coverage.npy` has a row for each Gaussian of the sector `NNN`, in the order of its
+//! file; `free-space.npy` a row for each block of 4x4x4 voxels through which a view looked, in the
+//! order of their indices; `sky-coverage.npy` a 1 for each texel in whose direction a view saw sky.
 //! A Gaussian that nothing saw has no direction.
 
 use serde::{Deserialize, Serialize};
@@ -15,13 +15,13 @@ use crate::error::BundleError;
 use crate::npy::{self, Column, Kind, TableWriter, array};
 use crate::scene::OutputReader;
 
-const SPACE: &str = "seen-space.npy";
-const SKY: &str = "seen-sky.npy";
+const SPACE: &str = "free-space.npy";
+const SKY: &str = "sky-coverage.npy";
 
 /// Bits of a set of directions.
 const DIRECTIONS: u32 = 62;
 
-const SEEN_COLUMNS: &[Column] = &[
+const COVERAGE_COLUMNS: &[Column] = &[
     Column("instants", Kind::U32, 1),
     Column("directions", Kind::U64, 1),
     Column("finest_m", Kind::F32, 1),
@@ -35,8 +35,8 @@ const SPACE_COLUMNS: &[Column] = &[
 ];
 
 /// Path of what was seen of the Gaussians of a sector.
-fn seen_path(sector: usize) -> String {
-    format!("{sector:03}-seen.npy")
+fn coverage_path(sector: usize) -> String {
+    format!("{sector:03}-coverage.npy")
 }
 
 /// Layout of what was seen of space and sky.
@@ -53,7 +53,7 @@ pub struct SplatCoverage {
 
 /// What views saw of a Gaussian.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct SplatSeen {
+pub struct SplatObserved {
     /// Instants that saw it.
     pub instants: u32,
     /// Bits of the directions from which they did.
@@ -79,7 +79,7 @@ pub struct SplatSpaceBlock {
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct SplatCoverageContent {
     /// Of each sector a row for each Gaussian.
-    pub gaussians: Vec<Vec<SplatSeen>>,
+    pub gaussians: Vec<Vec<SplatObserved>>,
     /// Blocks with a seen voxel, by ascending index.
     pub space: Vec<SplatSpaceBlock>,
     /// Whether sky was seen in the direction of each texel, row by row.
@@ -102,7 +102,7 @@ impl SplatCoverage {
     }
 }
 
-impl SplatSeen {
+impl SplatObserved {
     fn is_valid(&self) -> bool {
         let share = |value: f32| (0.0..=1.0).contains(&value);
         let is_seen = self.instants > 0;
@@ -127,7 +127,7 @@ fn check(
         return Err(Fault::new("coverage", found, "one for each sector"));
     }
     for (number, (seen, sector)) in content.gaussians.iter().zip(&scene.sectors).enumerate() {
-        check_sector(&seen_path(number), seen, sector.count)?;
+        check_sector(&coverage_path(number), seen, sector.count)?;
     }
     check_space(&content.space)?;
     if content.sky.len() != record.sky_texels * record.sky_texels {
@@ -137,7 +137,7 @@ fn check(
     Ok(())
 }
 
-fn check_sector(path: &str, seen: &[SplatSeen], count: usize) -> Result<(), Fault> {
+fn check_sector(path: &str, seen: &[SplatObserved], count: usize) -> Result<(), Fault> {
     if seen.len() != count {
         let found = format!("{} rows", seen.len());
         return Err(Fault::new(path, found, "one for each Gaussian"));
@@ -180,7 +180,7 @@ pub(super) fn write(
     let checked = check(scene, record, content);
     checked.map_err(|fault| fault.refused(draft, super::FILE))?;
     for (number, seen) in content.gaussians.iter().enumerate() {
-        let mut table = TableWriter::create(draft, &seen_path(number), SEEN_COLUMNS)?;
+        let mut table = TableWriter::create(draft, &coverage_path(number), COVERAGE_COLUMNS)?;
         for of in seen {
             table.row(|row| {
                 row.u32(of.instants);
@@ -216,14 +216,14 @@ pub fn read_coverage(
     };
     let mut content = SplatCoverageContent::default();
     for (number, sector) in scene.sectors.iter().enumerate() {
-        let path = seen_path(number);
+        let path = coverage_path(number);
         let (bytes, file) = (reader.read(&path)?, reader.file_path(&path));
-        let rows = npy::rows(&bytes, SEEN_COLUMNS, &file)?;
-        let seen: Vec<SplatSeen> = rows
+        let rows = npy::rows(&bytes, COVERAGE_COLUMNS, &file)?;
+        let seen: Vec<SplatObserved> = rows
             .map(|mut row| {
                 let (instants, directions) = (row.u32(), row.u64());
                 let [finest_m, color_error, depth_error] = row.f32();
-                SplatSeen {
+                SplatObserved {
                     instants,
                     directions,
                     finest_m,
