@@ -6,7 +6,8 @@
 //! views by what they know without the truth; their limits come from other walks than those that
 //! are counted.
 //!
-//! `--fit` fits the constants of the measure on the walks of the fit and prints them.
+//! Constants of the measure are fitted on the same walks as the limits, and printed: those of the
+//! crate `splats` come from here.
 
 use std::fs;
 use std::path::PathBuf;
@@ -56,7 +57,7 @@ const EXAM: Sampling = Sampling {
     views: 28,
 };
 
-/// Runs the benchmark: `[--quick] [--fit] [--views N] [--samples DIR] [--out DIR]`, N views of the
+/// Runs the benchmark: `[--quick] [--scenes NAME,...] [--views N] [--samples DIR] [--out DIR]`, N views of the
 /// exam for each offset and angle of a walk. Samples of walks are kept in DIR and read from there.
 ///
 /// # Errors
@@ -64,7 +65,8 @@ const EXAM: Sampling = Sampling {
 pub(crate) fn run(args: &[String]) -> Result<()> {
     let options = Options::parse(args)?;
     let of = |seed: u64, sampling: Sampling| -> Result<Vec<(Kind, Vec<Sample>)>> {
-        let kinds = KINDS.iter().zip(seed..).take(options.walks);
+        let kinds = KINDS.iter().zip(seed..);
+        let kinds = kinds.filter(|(kind, _)| options.scenes.iter().any(|of| of == kind.name()));
         let walks = kinds.map(|(kind, seed)| {
             let walk = Walk {
                 kind: *kind,
@@ -86,16 +88,17 @@ pub(crate) fn run(args: &[String]) -> Result<()> {
     };
     let [fit_sampling, exam_sampling] = [FIT, exam_sampling].map(|of| options.sampling(of));
     let fit: Vec<Sample> = flat(of(FIT_SEED, fit_sampling)?);
-    if options.fit {
-        fit::fit(&fit);
-        return Ok(());
-    }
     let exam = of(EXAM_SEED, exam_sampling)?;
     let by_kind: Vec<(Kind, usize)> = exam.iter().map(|(kind, own)| (*kind, own.len())).collect();
     let exam = flat(exam);
     let nearest = Nearest::fitted(&fit);
+    let config = fit::fit(&fit);
     let mut rules = vec![
-        ("measure", measure(&exam, &MeasureConfig::default())),
+        ("measure", measure(&exam, &config)),
+        (
+            "measure, constants of the crate",
+            measure(&exam, &MeasureConfig::default()),
+        ),
         ("3 m and 30 degrees", Nearest::PUBLISHED.verdicts(&exam)),
     ];
     let fitted_name = nearest.map(|of| format!("{} m and {} degrees", of.distance_m, of.angle_deg));
@@ -111,15 +114,19 @@ pub(crate) fn run(args: &[String]) -> Result<()> {
         println!("{row}");
     }
     let ours = &rules[0].1;
-    let fit_counts = counts(&fit, &measure(&fit, &MeasureConfig::default()).flagged);
+    let fit_counts = counts(&fit, &measure(&fit, &config).flagged);
     let report = json!({
         "stamp": stamp::stamp("confidence", args)?,
-        "fit": { "views": fit.len(), "counts": of_counts(&fit_counts) },
+        "fit": {
+            "views": fit.len(),
+            "counts": of_counts(&fit_counts),
+            "constants": serde_json::to_value(config)?,
+        },
         "views": exam.len(),
         "rows": rows,
         "by_offset": by_offset(&exam, ours),
         "by_scene": by_scene(&exam, &by_kind, ours),
-        "pixels": pixels(&exam),
+        "pixels": pixels(&exam, &config),
     });
     println!("{report:#}");
     fs::create_dir_all(&options.out)
@@ -203,12 +210,11 @@ fn counts_where(samples: &[Sample], of: &Verdicts, is_own: impl Fn(&Sample) -> b
 }
 
 /// Order of the pixels of single images: means over the images.
-fn pixels(samples: &[Sample]) -> Value {
-    let config = MeasureConfig::default();
+fn pixels(samples: &[Sample], config: &MeasureConfig) -> Value {
     let both: Vec<[f64; 2]> = samples
         .par_iter()
         .map(|sample| {
-            let confidence = sample.channels.confidence(&config).pixels;
+            let confidence = sample.channels.confidence(config).pixels;
             let uncertainty: Vec<f64> = confidence.iter().map(|c| -f64::from(*c)).collect();
             let error = sample.errors.pixel_errors.iter();
             let error: Vec<f64> = error.map(|e| f64::from(*e)).collect();
@@ -228,8 +234,7 @@ fn pixels(samples: &[Sample]) -> Value {
 
 struct Options {
     quick: bool,
-    fit: bool,
-    walks: usize,
+    scenes: Vec<String>,
     views: usize,
     samples: Option<PathBuf>,
     out: PathBuf,
@@ -239,8 +244,7 @@ impl Options {
     fn parse(args: &[String]) -> Result<Self> {
         let mut parsed = Self {
             quick: false,
-            fit: false,
-            walks: KINDS.len(),
+            scenes: KINDS.map(|kind| kind.name().to_owned()).to_vec(),
             views: EXAM.views,
             samples: None,
             out: PathBuf::from("docs/benchmarks"),
@@ -253,18 +257,20 @@ impl Options {
             };
             match argument.as_str() {
                 "--quick" => parsed.quick = true,
-                "--fit" => parsed.fit = true,
+                "--scenes" => {
+                    parsed.scenes = value()?.split(',').map(str::to_owned).collect();
+                }
                 "--views" => parsed.views = value()?.parse().context("reading --views")?,
                 "--samples" => parsed.samples = Some(value()?.into()),
                 "--out" => parsed.out = value()?.into(),
                 other => bail!(
-                    "unknown argument {other:?}, expected --quick, --fit, --views, --samples or \
+                    "unknown argument {other:?}, expected --quick, --scenes, --views, --samples or \
                      --out"
                 ),
             }
         }
         if parsed.quick {
-            parsed.walks = 1;
+            parsed.scenes.truncate(1);
         }
         Ok(parsed)
     }

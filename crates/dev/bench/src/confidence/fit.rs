@@ -18,13 +18,12 @@ const DB_PER_OCTAVE: f64 = 1.0;
 /// Prediction of a sample: PSNR (dB) and relative error of depth.
 type Predicted = [f64; 2];
 
-/// Fits by a search along one constant after the other, and prints what it found. Limits are those
-/// that flag every bad sample and the fewest good ones.
-pub(crate) fn fit(samples: &[Sample]) {
+/// Fits by a search along one constant after the other, from the default on. Limits are those that
+/// flag every bad sample and the fewest good ones.
+pub(crate) fn fit(samples: &[Sample]) -> MeasureConfig {
     let mut config = MeasureConfig::default();
     let mut best = objective(samples, &config);
-    println!("at the start: {best:.4}");
-    for round in 0..ROUNDS {
+    for _ in 0..ROUNDS {
         let before = best;
         for k in 0..constants(&mut config).len() {
             let from = *constants(&mut config)[k];
@@ -37,15 +36,14 @@ pub(crate) fn fit(samples: &[Sample]) {
                 }
             }
         }
-        println!("round {round}: {best:.4}");
         if before - best < 1e-4 {
             break;
         }
     }
     let predicted = predictions(samples, &config);
-    let (limits, found) = limits(samples, &predicted);
+    let (limits, _) = limits(samples, &predicted);
     [config.min_psnr_db, config.max_depth_error] = limits.map(|limit| limit as f32);
-    println!("{config:#?}\n{found:?} of {} samples", samples.len());
+    config
 }
 
 fn constants(of: &mut MeasureConfig) -> [&mut f32; 9] {
@@ -113,4 +111,26 @@ fn limits(samples: &[Sample], predicted: &[Predicted]) -> ([f64; 2], Counts) {
         }
     }
     best.unwrap_or(([BAD_PSNR_DB, BAD_DEPTH_ERROR], Counts::default()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::rules::tests::sample;
+    use super::*;
+
+    #[test]
+    fn both_limits_together_flag_every_bad_sample() {
+        let samples = [
+            sample(25.0, 0.02, [0.1, 0.0], 1.0),
+            sample(17.0, 0.02, [1.0, 0.0], 1.0),
+            sample(22.0, 0.30, [0.3, 0.0], 1.0),
+            sample(24.0, 0.05, [0.3, 0.0], 1.0),
+        ];
+        // The first bad one has a low PSNR, the second one a high error of depth.
+        let predicted = [[24.0, 0.03], [16.0, 0.03], [23.0, 0.2], [22.0, 0.06]];
+        let ([psnr, depth], found) = limits(&samples, &predicted);
+        assert!((16.0..22.0).contains(&psnr) && (0.06..0.2).contains(&depth));
+        assert_eq!((found.bad_unflagged, found.good_flagged), (0, 0));
+        assert_eq!(found.bad_flagged, 2);
+    }
 }

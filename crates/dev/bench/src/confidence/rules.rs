@@ -126,3 +126,62 @@ pub(crate) fn transparency(sample: &Sample) -> f64 {
     let alpha = &sample.channels.alpha;
     1.0 - alpha.iter().map(|alpha| f64::from(*alpha)).sum::<f64>() / alpha.len() as f64
 }
+
+#[cfg(test)]
+pub(super) mod tests {
+    use splats::CoverageImage;
+
+    use super::*;
+
+    /// A view at a distance and angle to the only pose of a training, all pixels alike.
+    pub(crate) fn sample(psnr_db: f64, depth_error: f64, pose: [f32; 2], alpha: f32) -> Sample {
+        let plane = |value: f32| vec![value; 4];
+        Sample {
+            errors: Errors {
+                offset_m: f64::from(pose[0]),
+                angle_deg: f64::from(pose[1]),
+                psnr_db,
+                depth_error,
+                poses: vec![pose],
+                pixel_errors: plane(0.1),
+            },
+            channels: CoverageImage {
+                width: 2,
+                height: 2,
+                alpha: plane(alpha),
+                median_depth_m: plane(2.0),
+                uncovered: plane(1.0 - alpha),
+                angle_rad: plane(0.0),
+                few: plane(0.0),
+                magnification: plane(0.0),
+                space: plane(0.0),
+                spread: plane(0.0),
+                squared_error: plane(0.001),
+                depth_error: plane(0.01),
+            },
+        }
+    }
+
+    #[test]
+    fn limits_flag_every_bad_view_and_few_good_ones() {
+        let samples = [
+            sample(25.0, 0.02, [0.1, 0.0], 1.0),
+            sample(22.0, 0.02, [0.3, 10.0], 0.98),
+            sample(17.0, 0.02, [1.0, 0.0], 0.8),
+            sample(20.0, 0.20, [0.1, 30.0], 0.9),
+        ];
+        let nearest = Nearest::fitted(&samples).unwrap();
+        let found = counts(&samples, &nearest.verdicts(&samples).flagged);
+        let expected = Counts {
+            bad_flagged: 2,
+            bad_unflagged: 0,
+            good_flagged: 0,
+            good_unflagged: 2,
+        };
+        assert_eq!(found, expected);
+        let published = Nearest::PUBLISHED.verdicts(&samples);
+        assert_eq!(counts(&samples, &published.flagged).bad_unflagged, 2);
+        let by_alpha = above(&samples, &samples, transparency);
+        assert_eq!(counts(&samples, &by_alpha.flagged), expected);
+    }
+}

@@ -5,7 +5,7 @@ use std::path::Path;
 
 use anyhow::{Context, Result, ensure};
 use serde::{Deserialize, Serialize};
-use splats::{Camera, Coverage, CoverageImage, Exposure, Renderer, TrainingView, psnr_db};
+use splats::{Camera, Coverage, CoverageImage, Renderer, TrainingView, psnr_db};
 
 use crate::splats::fit::{self, config};
 use crate::splats::off_path::off_path;
