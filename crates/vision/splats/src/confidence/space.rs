@@ -146,7 +146,7 @@ impl ObservedSpace {
         let mut bit = 0;
         for k in 0..3 {
             let at = ((origin[k] + along * direction[k]) / self.voxel_m).floor();
-            if !(at.abs() < MAX_INDEX) {
+            if at.is_nan() || at.abs() >= MAX_INDEX {
                 return None;
             }
             let at = at as i32;
