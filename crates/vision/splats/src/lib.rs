@@ -69,7 +69,8 @@ mod train;
 pub use camera::{Camera, Shutter};
 pub use confidence::{
     Confidence, ConfidenceConfig, Coverage, CoverageConfig, CoverageImage, DIRECTIONS, Directions,
-    MeasureConfig, ObservedGaussian, ObservedSky, ObservedSpace, SpaceBlock,
+    IMAGE_CHANNELS, ImageMeasureConfig, MeasureConfig, ObservedGaussian, ObservedSky,
+    ObservedSpace, SpaceBlock,
 };
 pub use config::RenderConfig;
 pub use error::SplatError;

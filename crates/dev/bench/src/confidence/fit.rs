@@ -1,25 +1,26 @@
 //! Fit of the measure's constants.
 
 use rayon::prelude::*;
-use splats::MeasureConfig;
+use splats::{IMAGE_CHANNELS, ImageMeasureConfig, MeasureConfig};
 
-use super::rules::{BAD_DEPTH_ERROR, BAD_PSNR_DB, Counts, counts};
 use super::samples::Sample;
 
-/// Factors by which a constant changes, and rounds of the search.
+/// Factors by which a constant of pixels changes, and rounds of the search.
 const FACTORS: [f32; 6] = [0.5, 0.8, 0.95, 1.05, 1.25, 2.0];
 const ROUNDS: usize = 12;
-/// Errors of the prediction count up to these: PSNR in dB, depth in octaves.
+/// Errors of the predicted PSNR count up to these, dB.
 const PSNR_RANGE_DB: [f64; 2] = [8.0, 28.0];
-const DEPTH_RANGE: [f64; 2] = [0.01, 1.0];
-/// Octaves of depth that count as much as one dB.
-const DB_PER_OCTAVE: f64 = 1.0;
 
-/// Prediction of a sample: PSNR (dB) and relative error of depth.
-type Predicted = [f64; 2];
+/// Steps of the logistic regression, their rate, and the weight of the squares of its weights, which
+/// are per standard deviation.
+const STEPS: usize = 4000;
+const RATE: f64 = 0.02;
+const PENALTY: f64 = 3.0;
+/// Log odds by which the least certain bad sample is above the limit.
+const MARGIN: f64 = 1.0;
 
-/// Fits by a search along one constant after the other, from the default on. Limits are those that
-/// flag every bad sample and the fewest good ones.
+/// Constants of pixels by the predicted PSNR, with a search along one after the other from the
+/// default on; those of images by logistic regression, with a constant that flags every bad sample.
 pub(crate) fn fit(samples: &[Sample]) -> MeasureConfig {
     let mut config = MeasureConfig::default();
     let mut best = objective(samples, &config);
@@ -40,13 +41,13 @@ pub(crate) fn fit(samples: &[Sample]) -> MeasureConfig {
             break;
         }
     }
-    let predicted = predictions(samples, &config);
-    let (limits, _) = limits(samples, &predicted);
-    [config.min_psnr_db, config.max_depth_error] = limits.map(|limit| limit as f32);
+    let means: Vec<[f32; IMAGE_CHANNELS]> = samples.iter().map(|s| s.channels.means()).collect();
+    let is_bad: Vec<bool> = samples.iter().map(|s| s.errors.is_bad()).collect();
+    config.image = logistic(&means, &is_bad);
     config
 }
 
-fn constants(of: &mut MeasureConfig) -> [&mut f32; 9] {
+fn constants(of: &mut MeasureConfig) -> [&mut f32; 8] {
     [
         &mut of.uncovered,
         &mut of.angle,
@@ -56,81 +57,96 @@ fn constants(of: &mut MeasureConfig) -> [&mut f32; 9] {
         &mut of.spread,
         &mut of.unknown_error,
         &mut of.error_gain,
-        &mut of.unknown_depth_error,
     ]
 }
 
-fn predictions(samples: &[Sample], config: &MeasureConfig) -> Vec<Predicted> {
-    let of = |sample: &Sample| {
-        let confidence = sample.channels.confidence(config);
-        [confidence.psnr_db, confidence.depth_error].map(f64::from)
-    };
-    samples.par_iter().map(of).collect()
-}
-
-/// Mean squared error of the prediction.
+/// Mean squared error of the predicted PSNR.
 fn objective(samples: &[Sample], config: &MeasureConfig) -> f64 {
-    let predicted = predictions(samples, config);
-    let squares = samples
-        .iter()
-        .zip(&predicted)
-        .map(|(sample, [psnr, depth])| {
-            let [low, high] = PSNR_RANGE_DB;
-            let of_psnr = psnr.clamp(low, high) - sample.errors.psnr_db.clamp(low, high);
-            let octaves = |depth: f64| libm::log2(depth.clamp(DEPTH_RANGE[0], DEPTH_RANGE[1]));
-            let of_depth = DB_PER_OCTAVE * (octaves(*depth) - octaves(sample.errors.depth_error));
-            of_psnr * of_psnr + of_depth * of_depth
-        });
-    squares.sum::<f64>() / samples.len() as f64
+    let [low, high] = PSNR_RANGE_DB;
+    let squares = samples.par_iter().map(|sample| {
+        let predicted = f64::from(sample.channels.confidence(config).psnr_db);
+        let error = predicted.clamp(low, high) - sample.errors.psnr_db.clamp(low, high);
+        error * error
+    });
+    // In a fixed order.
+    let squares: Vec<f64> = squares.collect();
+    squares.iter().sum::<f64>() / samples.len() as f64
 }
 
-/// Limits of PSNR and depth that flag every bad sample, with the fewest good ones.
-fn limits(samples: &[Sample], predicted: &[Predicted]) -> ([f64; 2], Counts) {
-    let flagged = |[psnr, depth]: [f64; 2]| -> Vec<bool> {
-        let of = predicted.iter();
-        of.map(|of| of[0] < psnr || of[1] > depth).collect()
-    };
-    let mut best: Option<([f64; 2], Counts)> = None;
-    let bad: Vec<Predicted> = samples
+/// Logistic regression by gradient descent on means in standard deviations.
+fn logistic(means: &[[f32; IMAGE_CHANNELS]], is_bad: &[bool]) -> ImageMeasureConfig {
+    let count = means.len() as f64;
+    let column = |k: usize| means.iter().map(move |of| f64::from(of[k]));
+    let center: [f64; IMAGE_CHANNELS] = std::array::from_fn(|k| column(k).sum::<f64>() / count);
+    let scale: [f64; IMAGE_CHANNELS] = std::array::from_fn(|k| {
+        let squares = column(k).map(|v| (v - center[k]) * (v - center[k]));
+        (squares.sum::<f64>() / count).sqrt() + 1e-6
+    });
+    let rows: Vec<[f64; IMAGE_CHANNELS]> = means
         .iter()
-        .zip(predicted)
-        .filter(|(sample, _)| sample.errors.is_bad())
-        .map(|(_, predicted)| *predicted)
+        .map(|of| std::array::from_fn(|k| (f64::from(of[k]) - center[k]) / scale[k]))
         .collect();
-    // Just above the prediction of each bad sample, so that PSNR flags it; depth has to flag those
-    // with a higher one.
-    let candidates = bad.iter().map(|of| of[0] + 1e-3).chain([0.0]);
-    for psnr in candidates {
-        let rest = bad.iter().filter(|of| of[0] >= psnr).map(|of| of[1]);
-        let depth = rest.fold(f64::INFINITY, f64::min) - 1e-4;
-        let depth = if depth.is_finite() { depth } else { 1.0 };
-        let found = counts(samples, &flagged([psnr, depth]));
-        let is_better = |(_, best): &([f64; 2], Counts)| found.good_flagged < best.good_flagged;
-        if best.as_ref().is_none_or(is_better) {
-            best = Some(([psnr, depth], found));
+    let odds = |row: &[f64; IMAGE_CHANNELS], constant: f64, weights: &[f64; IMAGE_CHANNELS]| {
+        let terms = row.iter().zip(weights).map(|(a, b)| a * b);
+        constant + terms.sum::<f64>()
+    };
+    let (mut constant, mut weights) = (0.0, [0.0; IMAGE_CHANNELS]);
+    for _ in 0..STEPS {
+        let mut gradient = weights.map(|weight| PENALTY * weight);
+        let mut of_constant = 0.0;
+        for (row, is_bad) in rows.iter().zip(is_bad) {
+            let share = 1.0 / (1.0 + libm::exp(-odds(row, constant, &weights)));
+            let residual = share - f64::from(u8::from(*is_bad));
+            of_constant += residual;
+            gradient
+                .iter_mut()
+                .zip(row)
+                .for_each(|(g, v)| *g += residual * v);
         }
+        // Large sets of samples have large gradients.
+        let rate = RATE * 200.0 / count.max(200.0);
+        constant -= rate * of_constant;
+        weights
+            .iter_mut()
+            .zip(gradient)
+            .for_each(|(w, g)| *w -= rate * g);
     }
-    best.unwrap_or(([BAD_PSNR_DB, BAD_DEPTH_ERROR], Counts::default()))
+    let bad = rows.iter().zip(is_bad).filter(|(_, is_bad)| **is_bad);
+    let least = bad.map(|(row, _)| odds(row, constant, &weights));
+    let least = least.fold(f64::INFINITY, f64::min);
+    let limit = if least.is_finite() {
+        least - MARGIN
+    } else {
+        0.0
+    };
+    let plain: [f64; IMAGE_CHANNELS] = std::array::from_fn(|k| weights[k] / scale[k]);
+    let moved: f64 = plain.iter().zip(center).map(|(w, c)| w * c).sum();
+    let constant = constant - limit - moved;
+    ImageMeasureConfig::from_weights(constant as f32, plain.map(|w| w as f32))
 }
 
 #[cfg(test)]
 mod tests {
+    use super::super::rules::counts;
     use super::super::rules::tests::sample;
     use super::*;
 
     #[test]
-    fn both_limits_together_flag_every_bad_sample() {
-        let samples = [
-            sample(25.0, 0.02, [0.1, 0.0], 1.0),
-            sample(17.0, 0.02, [1.0, 0.0], 1.0),
-            sample(22.0, 0.30, [0.3, 0.0], 1.0),
-            sample(24.0, 0.05, [0.3, 0.0], 1.0),
-        ];
-        // The first bad one has a low PSNR, the second one a high error of depth.
-        let predicted = [[24.0, 0.03], [16.0, 0.03], [23.0, 0.2], [22.0, 0.06]];
-        let ([psnr, depth], found) = limits(&samples, &predicted);
-        assert!((16.0..22.0).contains(&psnr) && (0.06..0.2).contains(&depth));
-        assert_eq!((found.bad_unflagged, found.good_flagged), (0, 0));
-        assert_eq!(found.bad_flagged, 2);
+    fn every_bad_sample_of_the_fit_is_flagged() {
+        let mut samples = Vec::new();
+        for k in 0..20_u8 {
+            let alpha = 0.5 + 0.025 * f32::from(k);
+            let psnr_db = if k < 8 { 16.0 } else { 22.0 };
+            samples.push(sample(psnr_db, 0.02, [0.1, 0.0], alpha));
+        }
+        let config = fit(&samples);
+        let flagged: Vec<bool> = samples
+            .iter()
+            .map(|sample| sample.channels.confidence(&config).is_outside)
+            .collect();
+        let found = counts(&samples, &flagged);
+        assert_eq!((found.bad_flagged, found.bad_unflagged), (8, 0));
+        assert!(found.good_unflagged >= 6, "{found:?}");
+        assert!(config.image.transparency > 0.0);
     }
 }

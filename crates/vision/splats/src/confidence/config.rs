@@ -29,31 +29,55 @@ config! {
     }
 
     /// Configuration of the measure. The confidence of a pixel is `exp(-Σ a x)` over its channels
-    /// `x` with these weights `a`.
+    /// `x` with these weights `a`. Source of all: `bench confidence`, its walks of the fit.
     pub struct MeasureConfig {
-        /// Weight of the share of the pixel's color that neither a Gaussian nor seen sky gives.
-        pub uncovered: f32 = 1.0,
+        /// Weight of the share of the pixel's color that neither a Gaussian nor observed sky gives.
+        pub uncovered: f32 = 0.01,
         /// Weight of the angle between the viewing direction and the nearest one that a view had,
         /// per rad beyond the spacing of directions.
-        pub angle: f32 = 1.0,
+        pub angle: f32 = 0.45,
         /// Weight of the share of Gaussians that fewer than three instants saw.
-        pub few: f32 = 1.0,
+        pub few: f32 = 0.01,
         /// Weight of the magnification beyond the finest resolution of a view, per octave.
-        pub magnification: f32 = 0.5,
+        pub magnification: f32 = 0.26,
         /// Weight of the share of the ray in space through which no view looked.
-        pub space: f32 = 1.0,
+        pub space: f32 = 24.0,
         /// Weight of the spread of depth, relative to the depth.
-        pub spread: f32 = 1.0,
+        pub spread: f32 = 0.01,
         /// Error of color where nothing is known, 0 to 1.
-        pub unknown_error: f32 = 0.3,
+        pub unknown_error: f32 = 0.17,
         /// Factor on the error of color in the views of the training.
-        pub error_gain: f32 = 1.0,
-        /// Relative error of depth where nothing is known.
-        pub unknown_depth_error: f32 = 0.5,
-        /// Predicted PSNR below which a view is outside of what was seen, dB.
-        pub min_psnr_db: f32 = 18.0,
-        /// Predicted median relative error of depth above which it is.
-        pub max_depth_error: f32 = 0.1,
+        pub error_gain: f32 = 0.9,
+        /// The measure of the whole image.
+        pub image: ImageMeasureConfig = ImageMeasureConfig::default(),
+    }
+
+    /// Configuration of the measure of a whole image: log odds that it is bad, a constant and
+    /// weights of the means of its channels.
+    pub struct ImageMeasureConfig {
+        /// The constant. Its value is lower by the margin with which all bad images of the fit are
+        /// flagged.
+        pub constant: f32 = -6.28,
+        /// Weight of the share of pixels without median depth.
+        pub holes: f32 = 5.39,
+        /// Weight of the share of color that no Gaussian gives.
+        pub transparency: f32 = 5.68,
+        /// Weight of the share of color that neither a Gaussian nor observed sky gives.
+        pub uncovered: f32 = -1.86,
+        /// Weight of the angle to the nearest observed direction, per rad.
+        pub angle: f32 = -3.13,
+        /// Weight of the share of Gaussians that fewer than three instants saw.
+        pub few: f32 = -1.45,
+        /// Weight of the magnification, per octave.
+        pub magnification: f32 = 0.36,
+        /// Weight of the share of rays through which no view looked.
+        pub space: f32 = 2.39,
+        /// Weight of the relative spread of depth.
+        pub spread: f32 = 15.8,
+        /// Weight of the error of color in the views of the training, 0 to 1.
+        pub color_error: f32 = 42.7,
+        /// Weight of the relative error of depth in them.
+        pub depth_error: f32 = 12.9,
     }
 }
 

@@ -1,10 +1,13 @@
-//! From channels to a confidence of pixels and a prediction for the whole image.
+//! From channels to a confidence of pixels and a verdict on the whole image.
 
 use super::channels::CoverageImage;
-use super::config::MeasureConfig;
+use super::config::{ImageMeasureConfig, MeasureConfig};
 
 /// Share of the pixels with a lower confidence than the image.
 const LOW_SHARE: f64 = 0.1;
+
+/// Number of means of an image.
+pub const IMAGE_CHANNELS: usize = 10;
 
 /// How far an image is outside of what the training saw.
 #[derive(Clone, Debug, PartialEq)]
@@ -15,10 +18,10 @@ pub struct Confidence {
     pub image: f32,
     /// Predicted PSNR, dB.
     pub psnr_db: f32,
-    /// Predicted median relative error of depth, of the pixels with a median depth; 1 if less than
-    /// half of the pixels have one and their other half is no seen sky.
-    pub depth_error: f32,
-    /// Whether a prediction is beyond its limit: the image must not be relied on.
+    /// Logarithm of the odds that the image is bad, less a margin: below 18 dB, or with a median
+    /// relative error of depth above 10 %.
+    pub log_odds: f32,
+    /// Whether the log odds are above 0: the image must not be relied on.
     pub is_outside: bool,
 }
 
@@ -35,23 +38,34 @@ impl CoverageImage {
             f64::from((confidence * gain * seen + (1.0 - confidence) * unknown).min(1.0))
         });
         let mean = squared.sum::<f64>() / pixels.len().max(1) as f64;
-        let psnr_db = -10.0 * libm::log10(mean.max(1e-6)) as f32;
-        let depth_errors = (0..pixels.len()).filter_map(|pixel| {
-            let unknown = (1.0 - pixels[pixel]) * config.unknown_depth_error;
-            match self.median_depth_m[pixel].is_finite() {
-                true => Some((self.depth_error[pixel] + unknown).min(1.0)),
-                // No surface, and no seen sky either.
-                false => (self.uncovered[pixel] > 0.5).then_some(1.0),
-            }
-        });
-        let depth_error = quantile(depth_errors.collect(), 0.5).unwrap_or(0.0);
+        let log_odds = config.image.log_odds(&self.means());
         Confidence {
             image: quantile(pixels.clone(), LOW_SHARE).unwrap_or(0.0),
             pixels,
-            psnr_db,
-            depth_error,
-            is_outside: psnr_db < config.min_psnr_db || depth_error > config.max_depth_error,
+            psnr_db: -10.0 * libm::log10(mean.max(1e-6)) as f32,
+            log_odds,
+            is_outside: log_odds > 0.0,
         }
+    }
+
+    /// Means over the pixels, in the order of the weights of [`ImageMeasureConfig`]; the root of the
+    /// mean for the error of color.
+    pub fn means(&self) -> [f32; IMAGE_CHANNELS] {
+        let count = self.alpha.len().max(1) as f64;
+        let mean = |of: &[f32]| (of.iter().map(|v| f64::from(*v)).sum::<f64>() / count) as f32;
+        let holes = self.median_depth_m.iter().filter(|z| !z.is_finite());
+        [
+            (holes.count() as f64 / count) as f32,
+            1.0 - mean(&self.alpha),
+            mean(&self.uncovered),
+            mean(&self.angle_rad),
+            mean(&self.few),
+            mean(&self.magnification),
+            mean(&self.space),
+            mean(&self.spread),
+            mean(&self.squared_error).sqrt(),
+            mean(&self.depth_error),
+        ]
     }
 
     fn pixel(&self, pixel: usize, config: &MeasureConfig) -> f32 {
@@ -65,6 +79,58 @@ impl CoverageImage {
         ];
         let sum: f32 = terms.iter().map(|(weight, of)| weight * of[pixel]).sum();
         libm::expf(-sum)
+    }
+}
+
+impl ImageMeasureConfig {
+    /// A constant and the weights of the means of an image, in the order of
+    /// [`CoverageImage::means`].
+    pub fn from_weights(constant: f32, weights: [f32; IMAGE_CHANNELS]) -> Self {
+        let [
+            holes,
+            transparency,
+            uncovered,
+            angle,
+            few,
+            magnification,
+            space,
+            spread,
+            color_error,
+            depth_error,
+        ] = weights;
+        Self {
+            constant,
+            holes,
+            transparency,
+            uncovered,
+            angle,
+            few,
+            magnification,
+            space,
+            spread,
+            color_error,
+            depth_error,
+        }
+    }
+
+    fn log_odds(&self, means: &[f32; IMAGE_CHANNELS]) -> f32 {
+        let weights = [
+            self.holes,
+            self.transparency,
+            self.uncovered,
+            self.angle,
+            self.few,
+            self.magnification,
+            self.space,
+            self.spread,
+            self.color_error,
+            self.depth_error,
+        ];
+        let terms = weights
+            .iter()
+            .zip(means)
+            .map(|(weight, mean)| weight * mean);
+        self.constant + terms.sum::<f32>()
     }
 }
 

@@ -71,6 +71,21 @@ fn coverage(renderer: &Renderer, scene: &Scene) -> Coverage {
     Coverage::gather(renderer, scene, &views, &CoverageConfig::default()).unwrap()
 }
 
+/// Constants of this test: those of the crate are fitted.
+fn config() -> MeasureConfig {
+    MeasureConfig {
+        uncovered: 1.0,
+        angle: 1.0,
+        few: 1.0,
+        magnification: 0.5,
+        space: 1.0,
+        spread: 1.0,
+        unknown_error: 0.3,
+        error_gain: 1.0,
+        image: ImageMeasureConfig::from_weights(-2.0, [5.0; IMAGE_CHANNELS]),
+    }
+}
+
 #[test]
 fn weights_sum_to_the_alpha_of_the_image() {
     let (renderer, scene) = (renderer(), walls());
@@ -146,7 +161,7 @@ fn confidence_falls_with_the_distance_from_what_was_seen() {
     let coverage = coverage(&renderer, &scene);
     let measure = |camera: &crate::Camera| {
         let image = coverage.render(&renderer, &scene, camera).unwrap();
-        image.confidence(&MeasureConfig::default())
+        image.confidence(&config())
     };
     let trained = measure(&camera([0.0, 0.0, 0.0], 0.0));
     let near = measure(&camera([0.1, 0.0, 0.1], 0.0));
@@ -161,6 +176,7 @@ fn confidence_falls_with_the_distance_from_what_was_seen() {
     );
     assert!(aside.image < near.image && behind.image < 0.1);
     assert!(behind.is_outside && behind.psnr_db < aside.psnr_db);
+    assert!(behind.log_odds > aside.log_odds && aside.log_odds > near.log_odds);
     assert!(behind.psnr_db < 14.0, "{}", behind.psnr_db);
 }
 
