@@ -57,7 +57,7 @@ pub(crate) fn measure(samples: &[Sample], config: &MeasureConfig) -> Verdicts {
         .iter()
         .map(|sample| sample.channels.confidence(config));
     let (uncertainty, flagged) = all
-        .map(|of| (f64::from(of.log_odds), of.is_outside))
+        .map(|of| (-f64::from(of.psnr_db), of.is_outside))
         .unzip();
     Verdicts {
         uncertainty,
