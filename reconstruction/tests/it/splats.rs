@@ -75,6 +75,12 @@ fn the_scene_renders_what_the_cameras_recorded() {
             .expect("a sky")
             .is_empty()
     );
+    let coverage = splats::read_coverage(&reader, &record).expect("files");
+    let coverage = coverage.expect("what the views saw");
+    let observed = coverage.gaussians[0].iter().filter(|of| of.instants > 0);
+    // Those that no view sees as much are transparent or hidden.
+    assert!(observed.count() > gaussians.len() / 3);
+    assert!(!coverage.space.is_empty());
     let compared = (0..record.views.len())
         .filter_map(|view| splats::read_comparison(&reader, view).expect("a file"))
         .inspect(|png| assert!(png.starts_with(b"\x89PNG")));

@@ -9,6 +9,7 @@ mod calib;
 mod calib_verify;
 mod camera_imu;
 mod compare;
+mod confidence;
 mod depth;
 mod encode;
 mod feet;
@@ -77,6 +78,7 @@ const BENCHMARKS: &[(&str, Run)] = &[
     ("calib", calib::run),
     ("calib_verify", calib_verify::run),
     ("camera_imu", camera_imu::run),
+    ("confidence", confidence::run),
     ("depth", depth::run),
     ("encode", encode::run),
     ("feet", feet::run),

@@ -25,7 +25,7 @@ mod charts;
 mod counts;
 mod exam;
 mod failures;
-mod fit;
+pub(crate) mod fit;
 mod fox;
 pub(crate) mod off_path;
 mod options;

@@ -19,6 +19,8 @@ pub(crate) mod array;
 pub(crate) enum Kind {
     I64,
     U64,
+    I32,
+    U32,
     F64,
     F32,
     U8,
@@ -35,6 +37,8 @@ impl Kind {
         match self {
             Self::I64 => "<i8",
             Self::U64 => "<u8",
+            Self::I32 => "<i4",
+            Self::U32 => "<u4",
             Self::F64 => "<f8",
             Self::F32 => "<f4",
             Self::U8 => "|u1",
@@ -46,7 +50,7 @@ impl Kind {
     fn bytes(self) -> usize {
         match self {
             Self::I64 | Self::U64 | Self::F64 => 8,
-            Self::F32 => 4,
+            Self::I32 | Self::U32 | Self::F32 => 4,
             Self::U8 | Self::I8 | Self::Bool => 1,
         }
     }
@@ -158,6 +162,14 @@ impl Row<'_> {
         self.0.extend(value.to_le_bytes());
     }
 
+    pub(crate) fn i32(&mut self, value: i32) {
+        self.0.extend(value.to_le_bytes());
+    }
+
+    pub(crate) fn u32(&mut self, value: u32) {
+        self.0.extend(value.to_le_bytes());
+    }
+
     pub(crate) fn f64(&mut self, values: &[f64]) {
         self.0.extend(values.iter().flat_map(|v| v.to_le_bytes()));
     }
@@ -194,6 +206,14 @@ impl Fields<'_> {
 
     pub(crate) fn u64(&mut self) -> u64 {
         u64::from_le_bytes(self.take())
+    }
+
+    pub(crate) fn i32(&mut self) -> i32 {
+        i32::from_le_bytes(self.take())
+    }
+
+    pub(crate) fn u32(&mut self) -> u32 {
+        u32::from_le_bytes(self.take())
     }
 
     pub(crate) fn f64<const N: usize>(&mut self) -> [f64; N] {

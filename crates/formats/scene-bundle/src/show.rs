@@ -205,6 +205,7 @@ fn facts_of(scene: &Scene, name: &str) -> Result<Value, BundleError> {
                 splats::read_sector(&reader, &scene, number)?;
             }
             splats::read_sky(&reader, &scene)?;
+            let coverage = splats::read_coverage(&reader, &scene)?;
             let held_out = scene.held_out();
             json!({
                 "gaussians": scene.count(),
@@ -212,6 +213,7 @@ fn facts_of(scene: &Scene, name: &str) -> Result<Value, BundleError> {
                 "degree": scene.degree,
                 "views": scene.views.len(),
                 "steps": scene.training.steps,
+                "coverage": coverage.is_some(),
                 "held_out_psnr_db": held_out.map(|mean| (mean.psnr_db * 100.0).round() / 100.0),
                 "held_out_ssim": held_out.map(|mean| (mean.ssim * 1e4).round() / 1e4),
             })

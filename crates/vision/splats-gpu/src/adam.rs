@@ -198,7 +198,7 @@ impl AdamKernels {
                 0,
             ],
             rates: [
-                step.position_rate,
+                step.position_rate_m,
                 optimizer.scale,
                 optimizer.rotation,
                 optimizer.opacity,
@@ -215,7 +215,7 @@ impl AdamKernels {
                 correction,
                 config.growth.min_error_px,
             ],
-            size: [half[0], half[1], area, 0.0],
+            size: [half[0], half[1], area, step.position_rate_by_size],
         };
         self.settings.write(gpu, &settings);
     }

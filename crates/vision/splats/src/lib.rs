@@ -10,6 +10,8 @@
 //! - [`DetailScene`] renders many small images faster, at a price that is stated.
 //! - [`Trainer`] fits a scene to [`TrainingView`]s; [`train()`] chooses the number of Gaussians by
 //!   held-out views.
+//! - [`Coverage`] is what the views of a training saw; with it an image from any camera has a
+//!   [`Confidence`].
 //! - [`files`] reads and writes `.ply`, `.splat` and `.spz`.
 //!
 //! The same input gives the same bytes on any number of threads and with every instruction set.
@@ -54,6 +56,7 @@
 )]
 
 mod camera;
+mod confidence;
 mod config;
 mod error;
 mod harmonics;
@@ -64,6 +67,11 @@ mod scene;
 mod train;
 
 pub use camera::{Camera, Shutter};
+pub use confidence::{
+    Confidence, ConfidenceConfig, Coverage, CoverageConfig, CoverageImage, DIRECTIONS, Directions,
+    IMAGE_CHANNELS, ImageMeasureConfig, MeasureConfig, ObservedGaussian, ObservedSky,
+    ObservedSpace, SpaceBlock,
+};
 pub use config::RenderConfig;
 pub use error::SplatError;
 pub use gaussians::{GaussianError, files};

@@ -23,8 +23,10 @@ mod rays;
 #[cfg(test)]
 mod tests;
 mod view;
+mod weights;
 
 pub use detail::{DetailScene, config::DetailConfig};
 pub use forward::{Pass, RenderStats, Renderer};
 pub use gradients::{Gradients, ImageGradient};
 pub use image::Image;
+pub(crate) use view::TILE;

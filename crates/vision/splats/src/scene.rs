@@ -14,6 +14,7 @@ pub use exposure::Exposure;
 pub use gaussians::{MAX_DEGREE, Plane, Splat, Splats, coefficients};
 pub(crate) use morton::morton_order;
 pub use sky::Sky;
+pub(crate) use sky::taps;
 
 /// A scene.
 #[derive(Clone, Debug, PartialEq)]

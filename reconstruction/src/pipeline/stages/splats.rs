@@ -70,7 +70,7 @@ impl Stage<Input> for SplatsStage {
     }
 
     fn version(&self) -> u32 {
-        1
+        2
     }
 
     fn inputs(&self) -> &'static [&'static str] {

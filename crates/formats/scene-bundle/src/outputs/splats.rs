@@ -3,11 +3,16 @@
 //! Contract: `splats.json` has sectors, views and the training; each sector is a `.ply` file as
 //! 3DGS writes it, in the world of the bundle; `sky.npy` the colors behind the Gaussians, where
 //! they depend on the direction; `held-out/N.png` view N as recorded and as rendered, side by side,
-//! of some views. Every Gaussian is in the sector in whose box its mean is. Its parameters are
+//! of some views; `NNN-coverage.npy`, `free-space.npy` and `sky-coverage.npy` what the views of the training
+//! saw ([`SplatCoverage`]). Every Gaussian is in the sector in whose box its mean is. Its parameters are
 //! finite.
 
+mod coverage;
 mod record;
 
+pub use coverage::{
+    SplatCoverage, SplatCoverageContent, SplatObserved, SplatSpaceBlock, read_coverage,
+};
 pub use record::{
     HeldOut, SplatBackground, SplatCheck, SplatNeighbor, SplatScene, SplatSector, SplatShutter,
     SplatTraining, SplatView,
@@ -45,6 +50,8 @@ pub struct SplatContent<'a> {
     pub sky: &'a [[f32; 3]],
     /// Indices of views and PNG files of their comparisons.
     pub comparisons: &'a [(usize, Vec<u8>)],
+    /// What the views of the training saw, if the record has its layout.
+    pub coverage: Option<&'a SplatCoverageContent>,
 }
 
 /// Writes a scene. Number, file and hash of the Gaussians of each sector are those of the content.
@@ -93,6 +100,7 @@ pub struct SplatContent<'a> {
 ///     }],
 ///     views: Vec::new(),
 ///     training: splats::SplatTraining::default(),
+///     coverage: None,
 /// };
 /// let content = splats::SplatContent { sectors: &[ball.clone()], ..Default::default() };
 /// let draft = bundle.begin(outputs::SPLATS)?;
@@ -152,6 +160,14 @@ pub fn write(
     }
     for (path, bytes) in files {
         draft.write(&path, &bytes)?;
+    }
+    match content.coverage {
+        Some(coverage) => coverage::write(draft, &scene, coverage)?,
+        None if scene.coverage.is_some() => {
+            let found = "a record of coverage without it".to_owned();
+            return Err(refuse(Fault::new("coverage", found, "both or none")));
+        }
+        None => {}
     }
     write_compact_json(draft, FILE, &scene)
 }

@@ -105,6 +105,33 @@ fn scene() -> SplatScene {
                 continues: true,
             }],
         },
+        coverage: Some(SplatCoverage {
+            voxel_m: 0.25,
+            range_m: 20.0,
+            sky_texels: 2,
+        }),
+    }
+}
+
+/// What was seen of five Gaussians in each of some sectors: nothing of the first one.
+fn coverage(sectors: usize) -> SplatCoverageContent {
+    let seen = (0..5).map(|i| SplatObserved {
+        instants: 3 * i,
+        directions: u64::from(i) << 40,
+        finest_m: 0.01 * i as f32,
+        color_error: 0.1,
+        depth_error: 0.2,
+    });
+    let space = [[-3, 0, 7], [-2, -9, 0], [4, 1, 1]];
+    SplatCoverageContent {
+        gaussians: vec![seen.collect(); sectors],
+        space: space
+            .map(|index| SplatSpaceBlock {
+                index,
+                voxels: 1 << 63 | 5,
+            })
+            .to_vec(),
+        sky: vec![true, false, false, true],
     }
 }
 
@@ -113,10 +140,12 @@ pub(crate) fn write(draft: &Draft) {
 }
 
 fn write_of(draft: &Draft, scene: &SplatScene, sectors: &[Splats]) -> Result<(), BundleError> {
+    let coverage = coverage(sectors.len());
     let content = SplatContent {
         sectors,
         sky: &sky(),
         comparisons: &[(2, b"an image".to_vec())],
+        coverage: scene.coverage.is_some().then_some(&coverage),
     };
     splats::write(draft, scene, &content)
 }
@@ -159,6 +188,8 @@ fn a_scene_of_two_sectors_reads_back_unchanged() {
         );
     }
     assert_eq!(splats::read_sky(&reader, &found).unwrap(), sky());
+    let seen = splats::read_coverage(&reader, &found).unwrap();
+    assert_eq!(seen, Some(coverage(2)));
     let comparison = |view| splats::read_comparison(&reader, view).unwrap();
     assert_eq!(
         (comparison(1), comparison(2)),
@@ -212,6 +243,85 @@ fn records_that_contradict_their_content_are_refused() {
     }
     let error = refused(&|_| {}, &sectors[..1]);
     assert!(error.contains("1 parts"), "{error}");
+    let error = refused(&|s| s.coverage.as_mut().unwrap().voxel_m = 0.0, &sectors);
+    assert!(error.contains("voxels of"), "{error}");
+}
+
+#[test]
+fn coverage_that_contradicts_the_scene_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let bundle = Bundle::create_or_open(&folder.path().join("b"), provenance()).unwrap();
+    let sectors = [around(0.0), around(12.0)];
+    let refused = |record: bool, seen: Option<&SplatCoverageContent>| {
+        let draft = bundle.begin(outputs::SPLATS).unwrap();
+        let mut scene = scene();
+        scene.coverage = scene.coverage.filter(|_| record);
+        let content = SplatContent {
+            sectors: &sectors,
+            sky: &sky(),
+            comparisons: &[],
+            coverage: seen,
+        };
+        splats::write(&draft, &scene, &content)
+            .unwrap_err()
+            .to_string()
+    };
+    assert!(refused(true, None).contains("both or none"));
+    assert!(refused(false, Some(&coverage(2))).contains("both or none"));
+    for (found, change) in [
+        (
+            "4 rows",
+            (|c| c.gaussians[1].truncate(4)) as fn(&mut SplatCoverageContent),
+        ),
+        ("1 parts", |c| c.gaussians.truncate(1)),
+        ("row 2", |c| c.gaussians[0][2].directions = 1 << 62),
+        ("row 0", |c| c.gaussians[0][0].finest_m = 0.1),
+        ("row 1", |c| c.gaussians[0][1].finest_m = f32::INFINITY),
+        ("row 3", |c| c.gaussians[1][3].color_error = f32::NAN),
+        ("row 3", |c| c.gaussians[1][3].depth_error = 1.5),
+        ("another order", |c| c.space.swap(0, 1)),
+        ("no voxel", |c| c.space[1].voxels = 0),
+        ("3 texels", |c| c.sky.truncate(3)),
+    ] {
+        let mut seen = coverage(2);
+        change(&mut seen);
+        let error = refused(true, Some(&seen));
+        assert!(error.contains(found), "{found}: {error}");
+    }
+}
+
+#[test]
+fn hostile_coverage_is_an_error_with_its_place() {
+    let (_folder, original) = bundle(write);
+    let from = reader(&original);
+    let record = splats::read(&from).unwrap();
+    for path in ["000-coverage.npy", "free-space.npy", "sky-coverage.npy"] {
+        let file = from.read(path).unwrap();
+        // Cut, with a wrong byte in the header, and with rows of ones.
+        let short = file[..file.len() - 1].to_vec();
+        let mut header = file.clone();
+        header[12] = b'!';
+        let mut ones = file.clone();
+        let data = ones.len().min(128);
+        ones[data..].fill(0xff);
+        for bytes in [&b"PK"[..], &short, &header, &ones] {
+            let (_folder, scene) = forged(path, bytes);
+            let error = splats::read_coverage(&reader(&scene), &record);
+            let error = error.unwrap_err().to_string();
+            assert!(error.contains(path), "{path}: {error}");
+        }
+        assert!(splats::read_coverage(&from, &record).is_ok());
+    }
+    // Bundles of before have none.
+    let json = String::from_utf8(from.read("splats.json").unwrap()).unwrap();
+    let at = json.find(",\"coverage\"").unwrap();
+    let older = format!("{}}}", &json[..at]);
+    let (_folder, scene) = forged("splats.json", older.as_bytes());
+    let scene_record = splats::read(&reader(&scene)).unwrap();
+    assert_eq!(
+        splats::read_coverage(&reader(&scene), &scene_record).unwrap(),
+        None
+    );
 }
 
 /// The output with a file replaced, hashes of the manifest included: what a stranger can write.

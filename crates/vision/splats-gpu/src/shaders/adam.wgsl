@@ -12,7 +12,8 @@ struct Step {
     more_rates: vec4<f32>,
     // One minus both decays, correction of the background's moments, smallest error times pixels.
     moments: vec4<f32>,
-    // Halves of the image, px; recorded pixels per pixel.
+    // Halves of the image, px; recorded pixels per pixel; learning rate of positions as a share of
+    // the largest scale.
     size: vec4<f32>,
 }
 
@@ -69,9 +70,6 @@ fn halt() {
 }
 
 fn rate_of(plane: u32) -> f32 {
-    if (plane < 3u) {
-        return step.rates.x;
-    }
     if (plane < 6u) {
         return step.rates.y;
     }
@@ -100,8 +98,11 @@ fn step_splats(@builtin(global_invocation_id) id: vec3<u32>) {
         steps[splat] = min(steps[splat] + 1u, MAX_STEPS);
     }
     steps[n + splat] = min(steps[n + splat] + 1u, MAX_STEPS);
+    // The scales are planes 3 to 5, which are changed after the positions.
+    let scale = max(planes[3u * n + splat], max(planes[4u * n + splat], planes[5u * n + splat]));
+    let position_rate = step.size.w * exp(scale) + step.rates.x;
     for (var plane = 0u; plane < step.counts.y; plane++) {
-        let rate = rate_of(plane);
+        let rate = select(rate_of(plane), position_rate, plane < 3u);
         if (rate == 0.0) {
             continue;
         }

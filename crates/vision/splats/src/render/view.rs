@@ -9,7 +9,7 @@ use crate::camera::Camera;
 use crate::config::RenderConfig;
 
 /// Edge of a tile, px.
-pub(super) const TILE: usize = 16;
+pub(crate) const TILE: usize = 16;
 
 pub(super) struct View {
     pub(super) width: usize,

@@ -69,33 +69,38 @@ impl Sky {
     }
 
     /// The four texels of a direction and their weights, which sum to 1.
-    pub(crate) fn taps(&self, [x, y, z]: [f32; 3]) -> [(usize, f32); 4] {
-        let norm = (x.abs() + y.abs() + z.abs()).max(f32::MIN_POSITIVE);
-        let (mut u, mut v) = (x / norm, y / norm);
-        if z < 0.0 {
-            let sign = |of: f32| if of < 0.0 { -1.0 } else { 1.0 };
-            (u, v) = ((1.0 - v.abs()) * sign(u), (1.0 - u.abs()) * sign(v));
-        }
-        let last = self.size - 1;
-        let along = |of: f32| {
-            let at = ((of * 0.5 + 0.5) * last as f32).clamp(0.0, last as f32);
-            let low = (at as usize).min(last - 1);
-            (low, at - low as f32)
-        };
-        let ((column, a), (row, b)) = (along(u), along(v));
-        let at = row * self.size + column;
-        [
-            (at, (1.0 - a) * (1.0 - b)),
-            (at + 1, a * (1.0 - b)),
-            (at + self.size, (1.0 - a) * b),
-            (at + self.size + 1, a * b),
-        ]
+    pub(crate) fn taps(&self, direction: [f32; 3]) -> [(usize, f32); 4] {
+        taps(self.size, direction)
     }
 
     /// The texels, for optimizers of this crate.
     pub(crate) fn texels_mut(&mut self) -> &mut [[f32; 3]] {
         &mut self.texels
     }
+}
+
+/// The four texels of a direction in a map of `size` x `size` and their weights, which sum to 1.
+pub(crate) fn taps(size: usize, [x, y, z]: [f32; 3]) -> [(usize, f32); 4] {
+    let norm = (x.abs() + y.abs() + z.abs()).max(f32::MIN_POSITIVE);
+    let (mut u, mut v) = (x / norm, y / norm);
+    if z < 0.0 {
+        let sign = |of: f32| if of < 0.0 { -1.0 } else { 1.0 };
+        (u, v) = ((1.0 - v.abs()) * sign(u), (1.0 - u.abs()) * sign(v));
+    }
+    let last = size - 1;
+    let along = |of: f32| {
+        let at = ((of * 0.5 + 0.5) * last as f32).clamp(0.0, last as f32);
+        let low = (at as usize).min(last - 1);
+        (low, at - low as f32)
+    };
+    let ((column, a), (row, b)) = (along(u), along(v));
+    let at = row * size + column;
+    [
+        (at, (1.0 - a) * (1.0 - b)),
+        (at + 1, a * (1.0 - b)),
+        (at + size, (1.0 - a) * b),
+        (at + size + 1, a * b),
+    ]
 }
 
 #[cfg(test)]

@@ -17,6 +17,7 @@ use super::poses::Poses;
 use super::schedule;
 use super::view::TrainingView;
 use crate::camera::Camera;
+use crate::confidence::{Coverage, CoverageConfig};
 use crate::config::RenderConfig;
 use crate::error::SplatError;
 use crate::render::{Gradients, Renderer};
@@ -279,6 +280,17 @@ impl Trainer {
     /// If there is no view of this index.
     pub fn exposure(&self, view: usize) -> Exposure {
         self.exposures.of(&self.views[view], &self.config.exposure)
+    }
+
+    /// What the views of the training see of the scene as it is now, at their refined poses and
+    /// exposures.
+    ///
+    /// # Errors
+    /// [`SplatError::Camera`] if a pose is not finite, [`SplatError::Setting`].
+    pub fn coverage(&self, config: &CoverageConfig) -> Result<Coverage, SplatError> {
+        let posed = (0..self.views.len()).map(|k| Ok((self.camera(k)?, self.exposure(k))));
+        let posed: Result<Vec<(Camera, Exposure)>, SplatError> = posed.collect();
+        Coverage::gather_at(&self.renderer, &self.scene, &self.views, &posed?, config)
     }
 
     /// Passes what changes in a training: the scene, moments, corrections, what was gathered.

@@ -45,7 +45,7 @@ impl TrainingView {
 
     /// # Errors
     /// [`SplatError::Size`] if a buffer does not fit the image.
-    pub(super) fn check(&self) -> Result<(), SplatError> {
+    pub(crate) fn check(&self) -> Result<(), SplatError> {
         let pixels = self.camera.pixels();
         let check = |what, found: usize, expected: usize, may_be_empty: bool| match found
             == expected

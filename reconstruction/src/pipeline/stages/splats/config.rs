@@ -1,6 +1,6 @@
 //! Constants of the stage `splats`.
 
-use ::splats::{RenderConfig, StartConfig, TrainConfig};
+use ::splats::{CoverageConfig, RenderConfig, StartConfig, TrainConfig};
 use estimator_config::config;
 
 use super::super::preset::Preset;
@@ -38,6 +38,8 @@ config! {
         pub train: TrainConfig = TrainConfig::default(),
         /// The renderer.
         pub render: RenderConfig = RenderConfig::default(),
+        /// What is gathered of the views after the training.
+        pub coverage: CoverageConfig = CoverageConfig::default(),
     }
 }
 

@@ -1,8 +1,8 @@
 //! The training from views, with checkpoints.
 
 use splats::{
-    Background, GrowthByNeed, Scene, Sky, SplatError, TrainReport, Trainer, TrainingDevice,
-    TrainingView, points_from_views, splats_from_points,
+    Background, Coverage, GrowthByNeed, Scene, Sky, SplatError, TrainReport, Trainer,
+    TrainingDevice, TrainingView, points_from_views, splats_from_points,
 };
 
 use super::checkpoint::CheckpointFile;
@@ -20,6 +20,8 @@ pub(super) struct Fit {
     /// Number of Gaussians at the start.
     pub(super) start_count: usize,
     pub(super) report: TrainReport,
+    /// What the views of the training saw of it.
+    pub(super) coverage: Coverage,
     /// Why the processor took over from the device.
     pub(super) fell_back: Option<String>,
 }
@@ -127,6 +129,7 @@ pub(super) fn fit(
             checks: growth.checks().to_vec(),
             evaluation: trainer.evaluate(held_out),
         },
+        coverage: trainer.coverage(&config.coverage)?,
         scene: trainer.scene().clone(),
     })
 }

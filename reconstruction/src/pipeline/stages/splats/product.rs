@@ -1,11 +1,11 @@
 //! From a trained scene to the output `splats`.
 
 use scene_bundle::outputs::splats::{
-    HeldOut, SplatBackground, SplatCheck, SplatContent, SplatScene, SplatSector, SplatTraining,
-    SplatView, write,
+    HeldOut, SplatBackground, SplatCheck, SplatContent, SplatCoverage, SplatCoverageContent,
+    SplatObserved, SplatScene, SplatSector, SplatSpaceBlock, SplatTraining, SplatView, write,
 };
 use scene_bundle::{BundleError, Draft};
-use splats::{Background, GrowthCheck, Plane, Renderer, Splats, TrainingView};
+use splats::{Background, Coverage, GrowthCheck, Plane, Renderer, Splats, TrainingView};
 
 use super::config::SplatsConfig;
 use super::fit::Fit;
@@ -78,11 +78,17 @@ pub(super) fn write_fit(
             depth_error: depth_error.is_finite().then_some(depth_error),
             checks: fit.report.checks.iter().map(check).collect(),
         },
+        coverage: Some(SplatCoverage {
+            voxel_m: fit.coverage.space().voxel_m(),
+            range_m: fit.coverage.space().range_m(),
+            sky_texels: fit.coverage.sky().size(),
+        }),
     };
     let content = SplatContent {
         sectors: std::slice::from_ref(splats),
         sky,
         comparisons: &comparisons,
+        coverage: Some(&coverage(&fit.coverage)),
     };
     Ok(write(draft, &scene, &content)?)
 }
@@ -105,8 +111,28 @@ pub(super) fn write_empty(
             exposure_model: names.exposure_model.to_owned(),
             ..SplatTraining::default()
         },
+        coverage: None,
     };
     write(draft, &scene, &SplatContent::default())
+}
+
+/// What was seen, of one sector.
+fn coverage(of: &Coverage) -> SplatCoverageContent {
+    let seen = of.gaussians().iter().map(|seen| SplatObserved {
+        instants: seen.instants,
+        directions: seen.directions.0,
+        finest_m: seen.finest_m,
+        color_error: seen.color_error,
+        depth_error: seen.depth_error,
+    });
+    let space = of.space().blocks();
+    SplatCoverageContent {
+        gaussians: vec![seen.collect()],
+        space: space
+            .map(|(index, voxels)| SplatSpaceBlock { index, voxels })
+            .collect(),
+        sky: of.sky().texels().to_vec(),
+    }
 }
 
 /// Box around the means.

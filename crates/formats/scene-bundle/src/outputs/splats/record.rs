@@ -7,6 +7,7 @@ use camera_models::Eye;
 use serde::{Deserialize, Serialize};
 
 use super::super::Fault;
+use super::SplatCoverage;
 use crate::layout;
 
 /// A scene of Gaussians without the Gaussians themselves.
@@ -25,6 +26,9 @@ pub struct SplatScene {
     pub views: Vec<SplatView>,
     /// How it was trained.
     pub training: SplatTraining,
+    /// Layout of what the views of the training saw; `None` where that is not known.
+    #[serde(default)]
+    pub coverage: Option<SplatCoverage>,
 }
 
 /// What is behind the Gaussians.
@@ -230,6 +234,9 @@ impl SplatScene {
         }
         for (number, view) in self.views.iter().enumerate() {
             view.check(&format!("view {number}"))?;
+        }
+        if let Some(coverage) = &self.coverage {
+            coverage.check()?;
         }
         let finite = |check: &SplatCheck| {
             let gains = [check.gain_db, check.upper_gain_db];

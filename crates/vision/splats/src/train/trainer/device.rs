@@ -53,8 +53,10 @@ pub struct TrainingStep<'a> {
     pub camera: Camera,
     /// Its exposure.
     pub exposure: Exposure,
-    /// Learning rate of positions, m.
-    pub position_rate: f32,
+    /// Learning rate of positions: the same for all Gaussians, m.
+    pub position_rate_m: f32,
+    /// Added to it, as a share of the largest scale of a Gaussian.
+    pub position_rate_by_size: f32,
     /// Learning rate of the harmonics above degree 0; 0 where they are not trained.
     pub harmonics_rate: f32,
     /// Weight of the depth's loss.
@@ -116,7 +118,8 @@ impl<'a> TrainingRun<'a> {
             reduction,
             camera: self.trainer.poses.of(index, &view.camera, &config.poses)?,
             exposure: self.trainer.exposures.of(&view, &config.exposure),
-            position_rate: schedule::position_rate(config, step, self.trainer.radius_m),
+            position_rate_m: schedule::position_rate(config, step) * self.trainer.radius_m,
+            position_rate_by_size: schedule::position_rate_by_size(config, step),
             harmonics_rate: match trains_harmonics {
                 true => config.optimizer.harmonics,
                 false => 0.0,
