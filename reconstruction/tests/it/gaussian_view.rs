@@ -100,6 +100,7 @@ fn record() -> SplatScene {
         }],
         views: poses().into_iter().enumerate().map(view).collect(),
         training: SplatTraining::default(),
+        coverage: None,
     }
 }
 
@@ -132,6 +133,7 @@ fn page() -> PathBuf {
             sectors: &[splats],
             sky: sky.texels(),
             comparisons: &[],
+            coverage: None,
         };
         bundle::write(&draft, &record(), &content).expect("written");
         let stage = Record {

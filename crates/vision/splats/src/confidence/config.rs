@@ -57,7 +57,7 @@ config! {
     pub struct ImageMeasureConfig {
         /// The constant. Its value is lower by the margin with which all bad images of the fit are
         /// flagged.
-        pub constant: f32 = -6.27,
+        pub constant: f32 = -6.284,
         /// Weight of the share of pixels without median depth.
         pub holes: f32 = 5.39,
         /// Weight of the share of color that no Gaussian gives.
