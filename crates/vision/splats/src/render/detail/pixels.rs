@@ -258,7 +258,7 @@ fn exponential<V: Lanes>(x: V) -> V {
     let shifted = x + s(12_582_912.0);
     let r = x - (shifted - s(12_582_912.0));
     // 2^r interpolated at the Chebyshev nodes of |r| <= 1/2.
-    let p = s(9.666_368_5e-3)
+    let p = s(9.666_368e-3)
         .mul_add(r, s(5.592_197_6e-2))
         .mul_add(r, s(2.402_235e-1))
         .mul_add(r, s(6.931_21e-1))
