@@ -73,8 +73,10 @@ fn regions_show_what_the_exact_renderer_shows() {
         cluster: 32,
         ..DetailConfig::default()
     };
-    let mut compensating = RenderConfig::default();
-    compensating.compensate = true;
+    let compensating = RenderConfig {
+        compensate: true,
+        ..RenderConfig::default()
+    };
     for (degree, count, renderer) in [
         (0, 400, RenderConfig::default()),
         (3, 400, RenderConfig::default()),
