@@ -1,10 +1,10 @@
 //! `confidence`: whether a scene of Gaussians knows where it is wrong.
 //!
-//! Scenes of simulated walks are trained with the preset `fast` at a third of the size. Views off the path,
-//! moved by 0.1 to 3 m and rotated by up to 30°, are compared with the truth of the simulator,
-//! without noise. A view is bad below 18 dB, or with a median error of depth above 10 %. Rules flag
-//! views by what they know without the truth; their limits come from other walks than those that
-//! are counted.
+//! Scenes of simulated walks are trained with the preset `fast` at a third of the size. Views off
+//! the path, moved by 0.1 to 3 m and rotated by up to 30°, are compared with the truth of the
+//! simulator, without noise. A view is bad below 18 dB, or with a median error of depth above 10 %.
+//! Rules flag views by what they know without the truth; their limits come from other walks than
+//! those that are counted.
 //!
 //! Constants of the measure are fitted on the same walks as the limits, and printed: those of the
 //! crate `splats` come from here.
@@ -57,8 +57,9 @@ const EXAM: Sampling = Sampling {
     views: 28,
 };
 
-/// Runs the benchmark: `[--quick] [--scenes NAME,...] [--views N] [--samples DIR] [--out DIR]`, N views of the
-/// exam for each offset and angle of a walk. Samples of walks are kept in DIR and read from there.
+/// Runs the benchmark: `[--quick] [--scenes NAME,...] [--views N] [--samples DIR] [--out DIR]`, N
+/// views of the exam for each offset and angle of a walk. Samples of walks are kept in DIR and read
+/// from there.
 ///
 /// # Errors
 /// Bad arguments, or an I/O error. A missed goal is a result and no error.

@@ -28,9 +28,9 @@ pub use config::{
 };
 pub use evaluate::{Evaluation, psnr_db};
 pub use grow::Observed;
-pub use measured::{MAX_VOXELS_PER_POINT, StartConfig, points_from_views};
+pub use measured::{MAX_VOXELS_PER_POINT, points_from_views};
 pub use need::{GrowthByNeed, GrowthCheck, TrainReport, train};
-pub use start::{StartPoint, splats_from_points};
+pub use start::{StartConfig, StartPoint, splats_from_points};
 pub use trainer::device::{TrainingDevice, TrainingRun, TrainingState, TrainingStep};
 pub use trainer::{StepReport, Trainer};
 pub use view::TrainingView;

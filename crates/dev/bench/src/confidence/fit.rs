@@ -11,8 +11,8 @@ const ROUNDS: usize = 12;
 /// Errors of the predicted PSNR count up to these, dB.
 const PSNR_RANGE_DB: [f64; 2] = [8.0, 28.0];
 
-/// Steps of the logistic regression, their rate, and the weight of the squares of its weights, which
-/// are per standard deviation.
+/// Steps of the logistic regression, their rate, and the weight of the squares of its weights,
+/// which are per standard deviation.
 const STEPS: usize = 4000;
 const RATE: f64 = 0.02;
 const PENALTY: f64 = 3.0;

@@ -3,23 +3,23 @@
 //! Contract: `splats.json` has sectors, views and the training; each sector is a `.ply` file as
 //! 3DGS writes it, in the world of the bundle; `sky.npy` the colors behind the Gaussians, where
 //! they depend on the direction; `held-out/N.png` view N as recorded and as rendered, side by side,
-//! of some views; `NNN-coverage.npy`, `free-space.npy` and `sky-coverage.npy` what the views of the training
-//! saw ([`SplatCoverage`]). Every Gaussian is in the sector in whose box its mean is. Its parameters are
-//! finite.
+//! of some views; `NNN-coverage.npy`, `free-space.npy` and `sky-coverage.npy` what the views of the
+//! training saw ([`SplatCoverage`]). Every Gaussian is in the sector in whose box its mean is. Its
+//! parameters are finite.
 
 mod coverage;
 mod record;
 
-pub use coverage::{
-    SplatCoverage, SplatCoverageContent, SplatObserved, SplatSpaceBlock, read_coverage,
-};
+pub use coverage::{SplatCoverageContent, SplatObserved, SplatSpaceBlock, read_coverage};
 pub use record::{
-    HeldOut, SplatBackground, SplatCheck, SplatNeighbor, SplatScene, SplatSector, SplatShutter,
-    SplatTraining, SplatView,
+    HeldOut, SplatBackground, SplatCheck, SplatCoverage, SplatNeighbor, SplatScene, SplatSector,
+    SplatShutter, SplatTraining, SplatView,
 };
 
 use gaussians::files::{FileError, ply};
 use gaussians::{Plane, Splats};
+
+use record::FILE;
 
 use super::{Fault, read_json, write_compact_json};
 use crate::draft::Draft;
@@ -27,7 +27,6 @@ use crate::error::BundleError;
 use crate::npy::array;
 use crate::scene::OutputReader;
 
-const FILE: &str = "splats.json";
 const SKY: &str = "sky.npy";
 
 /// Path of the file of a sector.

@@ -48,8 +48,8 @@ impl CoverageImage {
         }
     }
 
-    /// Means over the pixels, in the order of the weights of [`ImageMeasureConfig`]; the root of the
-    /// mean for the error of color.
+    /// Means over the pixels, in the order of the weights of [`ImageMeasureConfig`]; the root of
+    /// the mean for the error of color.
     pub fn means(&self) -> [f32; IMAGE_CHANNELS] {
         let count = self.alpha.len().max(1) as f64;
         let mean = |of: &[f32]| (of.iter().map(|v| f64::from(*v)).sum::<f64>() / count) as f32;

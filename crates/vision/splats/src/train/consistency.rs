@@ -8,8 +8,7 @@
 use rayon::prelude::*;
 
 use super::fuse::Source;
-use super::measured::StartConfig;
-use super::start::StartPoint;
+use super::start::{StartConfig, StartPoint};
 
 /// Samples along an edge of the square.
 const EDGE: usize = 7;

@@ -9,7 +9,7 @@
 use camera_models::Lens;
 use rayon::prelude::*;
 
-use super::measured::StartConfig;
+use super::start::StartConfig;
 use super::view::TrainingView;
 use crate::camera::Shutter;
 
@@ -17,7 +17,7 @@ use crate::camera::Shutter;
 /// measure along their axes is taken as the same.
 const MIN_AXIS_COSINE: f64 = 0.7;
 
-/// Pixels that decide whether a view shares something with another one: so many across and down.
+/// Pixels that decide whether a view shares something with another one, across and down.
 const PROBES: usize = 3;
 
 /// Depth of every which pixel of a view; NaN where there is none.
@@ -32,6 +32,17 @@ pub(super) struct FusedDepth {
 
 /// Directions of all pixels of a lens, with a length of 1 along the optical axis.
 pub(super) type Rays = Vec<[f32; 3]>;
+
+/// Directions of all pixels, with a length of 1 along the optical axis; NaN where there is none.
+pub(super) fn rays_of(lens: &Lens) -> Rays {
+    let (width, height) = (lens.model().width, lens.model().height);
+    let ray = |pixel: u32| {
+        let at = [pixel % width, pixel / width].map(f64::from);
+        let ray = lens.unproject(at).filter(|ray| ray[2] > 1e-3);
+        ray.map_or([f32::NAN; 3], |ray| ray.map(|v| (v / ray[2]) as f32))
+    };
+    (0..width * height).into_par_iter().map(ray).collect()
+}
 
 /// Combined depth of views, one for each; `None` for those without depth. `rays` are those of
 /// each view.
@@ -274,7 +285,6 @@ mod tests {
     use cad_transforms::RigidTransform;
     use camera_models::{CameraModel, Distortion};
 
-    use super::super::measured::rays_of;
     use super::*;
     use crate::camera::Camera;
 

@@ -7,13 +7,12 @@
 
 use std::collections::{HashMap, HashSet};
 
-use camera_models::{CameraModel, Lens};
-use estimator_config::config;
+use camera_models::CameraModel;
 use rayon::prelude::*;
 
 use super::consistency::refine;
-use super::fuse::{FusedDepth, Rays, Source, at_pose, fuse};
-use super::start::StartPoint;
+use super::fuse::{FusedDepth, Rays, Source, at_pose, fuse, rays_of};
+use super::start::{StartConfig, StartPoint};
 use super::view::TrainingView;
 
 /// Most levels of the octree: the largest voxels are this power of two of the smallest.
@@ -28,39 +27,6 @@ const NEIGHBOR_STEPS: usize = 2;
 /// Along a plane the inverse depth is linear in the pixel. A share of it by which the depth of a
 /// pixel may differ from the mean of its neighbors on both sides; beyond it there is an edge.
 const MAX_BEND: f64 = 0.05;
-
-config! {
-    /// Configuration of the points at which a scene starts.
-    pub struct StartConfig {
-        /// Largest number of points. Voxels grow by a half of an octave until there are no more.
-        pub max_points: usize = 75_000,
-        /// Edge of a voxel at the distance of its nearest view, px.
-        pub spacing_px: f64 = 2.0,
-        /// Smallest edge of a voxel, m.
-        pub min_spacing_m: f64 = 0.02,
-        /// Largest standard deviation of a depth, as a share of it.
-        pub max_relative_sigma: f64 = 0.1,
-        /// Every which pixel of a row and column is used.
-        pub step_px: usize = 4,
-        /// Edge of a voxel in standard deviations of the depths in it, at least: smaller ones
-        /// would be layers in front of each other.
-        pub spacing_sigmas: f64 = 1.0,
-        /// Views that are combined with each view.
-        pub fused_views: usize = 16,
-        /// Largest difference between depths that are combined, standard deviations.
-        pub fused_sigmas: f64 = 3.0,
-        /// Smallest standard deviation of a combined depth, as a share of that of a single one:
-        /// errors of views are not independent.
-        pub min_fused_sigma: f64 = 0.25,
-        /// How far along its normal a point is moved at most to where views agree, standard
-        /// deviations.
-        pub search_sigmas: f64 = 3.0,
-        /// Smallest mean correlation of the views there.
-        pub min_agreement: f64 = 0.6,
-        /// Fewest views besides the nearest one.
-        pub min_agreeing_views: usize = 2,
-    }
-}
 
 /// Level of the octree and cell in it.
 type Voxel = (u8, [i32; 3]);
@@ -206,17 +172,6 @@ fn sorted(voxels: HashMap<Voxel, Sums>) -> Vec<(Voxel, Sums)> {
     let mut voxels: Vec<(Voxel, Sums)> = voxels.into_iter().collect();
     voxels.sort_unstable_by_key(|(voxel, _)| *voxel);
     voxels
-}
-
-/// Directions of all pixels, with a length of 1 along the optical axis; NaN where there is none.
-pub(super) fn rays_of(lens: &Lens) -> Rays {
-    let (width, height) = (lens.model().width, lens.model().height);
-    let ray = |pixel: u32| {
-        let at = [pixel % width, pixel / width].map(f64::from);
-        let ray = lens.unproject(at).filter(|ray| ray[2] > 1e-3);
-        ray.map_or([f32::NAN; 3], |ray| ray.map(|v| (v / ray[2]) as f32))
-    };
-    (0..width * height).into_par_iter().map(ray).collect()
 }
 
 impl Input<'_> {

@@ -1,5 +1,6 @@
 //! The scene at the start of a training: oriented discs where depth was measured.
 
+use estimator_config::config;
 use gaussians::GaussianError;
 
 use crate::error::SplatError;
@@ -10,6 +11,39 @@ const START_LOGIT: f32 = 0.0;
 
 /// Thickness of a disc against its radius, where depth is more precise than that.
 const MIN_THICKNESS: f32 = 0.2;
+
+config! {
+    /// Configuration of the points at which a scene starts.
+    pub struct StartConfig {
+        /// Largest number of points. Voxels grow by a half of an octave until there are no more.
+        pub max_points: usize = 75_000,
+        /// Edge of a voxel at the distance of its nearest view, px.
+        pub spacing_px: f64 = 2.0,
+        /// Smallest edge of a voxel, m.
+        pub min_spacing_m: f64 = 0.02,
+        /// Largest standard deviation of a depth, as a share of it.
+        pub max_relative_sigma: f64 = 0.1,
+        /// Every which pixel of a row and column is used.
+        pub step_px: usize = 4,
+        /// Edge of a voxel in standard deviations of the depths in it, at least: smaller ones
+        /// would be layers in front of each other.
+        pub spacing_sigmas: f64 = 1.0,
+        /// Views that are combined with each view.
+        pub fused_views: usize = 16,
+        /// Largest difference between depths that are combined, standard deviations.
+        pub fused_sigmas: f64 = 3.0,
+        /// Smallest standard deviation of a combined depth, as a share of that of a single one:
+        /// errors of views are not independent.
+        pub min_fused_sigma: f64 = 0.25,
+        /// How far along its normal a point is moved at most to where views agree, standard
+        /// deviations.
+        pub search_sigmas: f64 = 3.0,
+        /// Smallest mean correlation of the views there.
+        pub min_agreement: f64 = 0.6,
+        /// Fewest views besides the nearest one.
+        pub min_agreeing_views: usize = 2,
+    }
+}
 
 /// A measured point of a surface.
 #[derive(Clone, Copy, Debug, PartialEq)]

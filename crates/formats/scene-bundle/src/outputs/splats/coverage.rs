@@ -1,15 +1,13 @@
 //! What the views of a training saw of a scene, from which images from other cameras get a
 //! confidence.
 //!
-//! Contract: `NNN-coverage.npy` has a row for each Gaussian of the sector `NNN`, in the order of its
-//! file; `free-space.npy` a row for each block of 4x4x4 voxels through which a view looked, in the
-//! order of their indices; `sky-coverage.npy` a 1 for each texel in whose direction a view saw sky.
-//! A Gaussian that nothing saw has no direction.
-
-use serde::{Deserialize, Serialize};
+//! Contract: `NNN-coverage.npy` has a row for each Gaussian of the sector `NNN`, in the order of
+//! its file; `free-space.npy` a row for each block of 4x4x4 voxels through which a view looked, in
+//! the order of their indices; `sky-coverage.npy` a 1 for each texel in whose direction a view saw
+//! sky. A Gaussian that nothing saw has no direction.
 
 use super::super::Fault;
-use super::SplatScene;
+use super::record::{FILE, SplatCoverage, SplatScene};
 use crate::draft::Draft;
 use crate::error::BundleError;
 use crate::npy::{self, Column, Kind, TableWriter, array};
@@ -37,18 +35,6 @@ const SPACE_COLUMNS: &[Column] = &[
 /// Path of what was seen of the Gaussians of a sector.
 fn coverage_path(sector: usize) -> String {
     format!("{sector:03}-coverage.npy")
-}
-
-/// Layout of what was seen of space and sky.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct SplatCoverage {
-    /// Edge of a voxel, m.
-    pub voxel_m: f32,
-    /// Distance from a camera at which space was not seen any more, m.
-    pub range_m: f32,
-    /// Texels along an edge of the map of the sky.
-    pub sky_texels: usize,
 }
 
 /// What views saw of a Gaussian.
@@ -175,10 +161,10 @@ pub(super) fn write(
     let Some(record) = &scene.coverage else {
         let found = "coverage without its record".to_owned();
         let fault = Fault::new("coverage", found, "both or none");
-        return Err(fault.refused(draft, super::FILE));
+        return Err(fault.refused(draft, FILE));
     };
     let checked = check(scene, record, content);
-    checked.map_err(|fault| fault.refused(draft, super::FILE))?;
+    checked.map_err(|fault| fault.refused(draft, FILE))?;
     for (number, seen) in content.gaussians.iter().enumerate() {
         let mut table = TableWriter::create(draft, &coverage_path(number), COVERAGE_COLUMNS)?;
         for of in seen {

@@ -7,8 +7,10 @@ use camera_models::Eye;
 use serde::{Deserialize, Serialize};
 
 use super::super::Fault;
-use super::SplatCoverage;
 use crate::layout;
+
+/// The file of the record.
+pub(super) const FILE: &str = "splats.json";
 
 /// A scene of Gaussians without the Gaussians themselves.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -303,4 +305,16 @@ impl SplatView {
         }
         Ok(())
     }
+}
+
+/// Layout of what was seen of space and sky.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SplatCoverage {
+    /// Edge of a voxel, m.
+    pub voxel_m: f32,
+    /// Distance from a camera at which space was not seen any more, m.
+    pub range_m: f32,
+    /// Texels along an edge of the map of the sky.
+    pub sky_texels: usize,
 }
