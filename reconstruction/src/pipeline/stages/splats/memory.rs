@@ -25,9 +25,11 @@ const VOXELS_PER_POINT: u64 = splats::MAX_VOXELS_PER_POINT as u64;
 /// Bytes that a training of stereo images of these sizes (left and right, px) can take.
 pub(super) fn needed_bytes(pixels: &[[u64; 2]], config: &SplatsConfig) -> u64 {
     let area = u64::from(config.reduction) * u64::from(config.reduction);
+    // Pixels for each sample of the combined depth.
+    let sample = (config.start.step_px as u64).max(1).pow(2);
     let image = |[left, right]: &[u64; 2]| {
         let right = if config.right_images { *right } else { 0 };
-        (left * (PIXEL + DEPTH) + right * PIXEL) / area
+        (left * (PIXEL + DEPTH) + left / sample * DEPTH + right * PIXEL) / area
     };
     let images: u64 = pixels.iter().map(image).sum();
     // Whole images while they are read.
