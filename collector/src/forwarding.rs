@@ -32,7 +32,14 @@ const CALIB: SessionVerbs = SessionVerbs {
 /// Verbs of `paws-reconstruct` that read a hand-off.
 const RECONSTRUCT: SessionVerbs = SessionVerbs {
     verbs: &["info", "frames", "run"],
-    flags: &["--force", "--help", "--json", "--quiet", "--verbose"],
+    flags: &[
+        "--cpu-fallback",
+        "--force",
+        "--help",
+        "--json",
+        "--quiet",
+        "--verbose",
+    ],
 };
 
 /// The arguments of a program: the verbosity, then those of the user, with a session named to
@@ -177,6 +184,7 @@ mod tests {
             ("run --out=x HERE", Some(2)),
             ("-q run HERE", Some(2)),
             ("--quiet run --json -vv --preset fast HERE --force", Some(6)),
+            ("run --device gpu --cpu-fallback HERE", Some(4)),
             ("frames --from -1.5 --out x HERE", Some(5)),
             ("run --out x -- HERE", Some(4)),
             ("info", None),

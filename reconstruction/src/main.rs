@@ -164,7 +164,7 @@ mod tests {
     /// `RECONSTRUCT` in `collector/src/forwarding.rs`).
     #[test]
     fn all_options_but_these_take_a_value() {
-        let flags = ["force", "help", "json", "quiet", "verbose"];
+        let flags = ["cpu-fallback", "force", "help", "json", "quiet", "verbose"];
         let mut command = command();
         command.build();
         for verb in ["info", "frames", "run"] {

@@ -379,10 +379,11 @@ fn the_report_states_whether_it_has_ground_truth() {
     ] {
         assert!(page.contains(expected), "{expected}");
     }
-    // Two images of the cloud, one of the mesh and one of each camera with its rendered twin, the
-    // view in three dimensions, and images of each camera, in the page itself.
+    // Two images of the cloud, one of the mesh and one of each camera with its rendered twin, eight
+    // of the Gaussians along the path, the view in three dimensions, and images of each camera, in
+    // the page itself.
     assert_eq!(charts::inspect(&page), Ok(()));
-    assert_eq!(page.matches("src=\"data:image/png;base64,").count(), 6);
+    assert_eq!(page.matches("src=\"data:image/png;base64,").count(), 14);
     for expected in [
         "id=\"viewer-data\"",
         " (100.0 %) are in this view",

@@ -159,7 +159,7 @@ fn verify_ends_with_1_when_a_byte_changed() {
     let fine = run(&["verify", text(&sample.path)]);
     assert_eq!(code(&fine), 0, "{}", error_text(&fine));
     assert!(
-        out_text(&fine).contains("11 outputs, 57 files, every byte is as it was written"),
+        out_text(&fine).contains("11 outputs, 61 files, every byte is as it was written"),
         "{}",
         out_text(&fine)
     );
