@@ -4,11 +4,10 @@
 
 mod support;
 
-use std::alloc::{GlobalAlloc, Layout, System};
-use std::cell::Cell;
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
+use counting_allocator::{CountingAllocator, peak_of};
 use session_archive::layout;
 use session_archive::manifest::Manifest;
 use session_archive::mcap::{CHUNK_PREFIX, MAGIC, Record, RecordIter, op, sealed_chunk};
@@ -20,46 +19,8 @@ use session_archive::storage::FaultStorage;
 use session_archive::verify::{Report, verify};
 use support::{MS, Sample, messages, record, samples_at};
 
-/// Bytes that this thread holds, and the most it has held since [`peak_of`] began.
-struct Counting;
-
-thread_local! {
-    static HELD: Cell<usize> = const { Cell::new(0) };
-    static PEAK: Cell<usize> = const { Cell::new(0) };
-}
-
-fn count(grown: usize, shrunk: usize) {
-    let _ = HELD.try_with(|held| {
-        held.set((held.get() + grown).saturating_sub(shrunk));
-        let _ = PEAK.try_with(|peak| peak.set(peak.get().max(held.get())));
-    });
-}
-
-// SAFETY: every call is passed on to the system's allocator unchanged; counting allocates nothing.
-unsafe impl GlobalAlloc for Counting {
-    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
-        count(layout.size(), 0);
-        // SAFETY: the caller's promises are those that `System` asks for.
-        unsafe { System.alloc(layout) }
-    }
-
-    unsafe fn dealloc(&self, memory: *mut u8, layout: Layout) {
-        count(0, layout.size());
-        // SAFETY: as above; `memory` came from `System`.
-        unsafe { System.dealloc(memory, layout) }
-    }
-}
-
 #[global_allocator]
-static ALLOCATOR: Counting = Counting;
-
-/// The most that `work` held beyond what was held before it, bytes.
-fn peak_of<T>(work: impl FnOnce() -> T) -> (T, usize) {
-    let before = HELD.get();
-    PEAK.set(before);
-    let result = work();
-    (result, PEAK.get() - before)
-}
+static ALLOCATOR: CountingAllocator = CountingAllocator;
 
 /// A closed session of a second and a half; what it holds, by place.
 struct Written {

@@ -13,9 +13,11 @@
 mod error;
 pub mod files;
 pub mod harmonics;
+mod random;
 mod splats;
 #[cfg(test)]
 mod tests;
 
 pub use error::GaussianError;
+pub use random::random_splats;
 pub use splats::{MAX_DEGREE, Plane, Splat, Splats, coefficients};

@@ -3,9 +3,7 @@
 
 use cad_transforms::RigidTransform;
 use camera_models::{CameraModel, Distortion};
-use splats::{
-    Background, Camera, Exposure, RenderConfig, Scene, Shutter, Sky, Splat, Splats, coefficients,
-};
+use splats::{Background, Camera, Exposure, RenderConfig, Scene, Shutter, Sky, Splats};
 use splats_gpu::{Adapters, Gpu, GpuRenderer};
 
 /// The device, software or not; `None` with a printed reason where there is none.
@@ -26,29 +24,8 @@ pub fn gpu() -> Option<Gpu> {
     }
 }
 
-/// Random Gaussians in front of a camera at the origin that looks along z.
 pub fn random_splats(seed: u64, count: usize, degree: usize) -> Splats {
-    let mut splats = Splats::empty(degree).unwrap();
-    for i in 0..count as u64 {
-        let uniform = |k: u64| counter_random::uniform(seed, k, i) as f32;
-        let bell = |k: u64| counter_random::bell(seed, k, i) as f32;
-        let z = 0.5 + 4.0 * uniform(0);
-        let mut splat = Splat::sphere(0.1, [0.5; 3]);
-        splat.position_m = [
-            (uniform(1) - 0.5) * 1.6 * z,
-            (uniform(2) - 0.5) * 1.4 * z,
-            z,
-        ];
-        splat.log_scale = std::array::from_fn(|k| -3.2 + 0.7 * bell(3 + k as u64));
-        splat.rotation_wxyz = std::array::from_fn(|k| 0.2 + bell(6 + k as u64));
-        splat.opacity_logit = 1.0 + 2.0 * bell(10);
-        for k in 0..coefficients(degree) {
-            let size = if k == 0 { 0.8 } else { 0.2 };
-            splat.harmonics[k] = std::array::from_fn(|c| size * bell(11 + 3 * k as u64 + c as u64));
-        }
-        splats.push(&splat).unwrap();
-    }
-    splats
+    gaussians::random_splats(seed, count, degree, -3.2).unwrap()
 }
 
 /// A camera, slightly rotated and translated.

@@ -43,16 +43,7 @@ pub(super) fn finish(
     exposure: &Exposure,
     config: &RenderConfig,
 ) -> Image {
-    let pixels = view.width * view.height;
-    let plane = || vec![0.0; pixels];
-    let mut image = Image {
-        width: view.width,
-        height: view.height,
-        rgb: [plane(), plane(), plane()],
-        expected_depth_m: plane(),
-        median_depth_m: plane(),
-        alpha: plane(),
-    };
+    let mut image = Image::zeros(view.width, view.height);
     let sky = SkyView::new(scene, view);
     let bands: Vec<Band<'_>> = Band::of(&mut image, TILE).collect();
     bands.into_par_iter().enumerate().for_each(|(row, band)| {

@@ -16,3 +16,18 @@ pub struct Image {
     /// Accumulated alpha, 0 to 1.
     pub alpha: Vec<f32>,
 }
+
+impl Image {
+    /// With zeros, to be filled.
+    pub(super) fn zeros(width: usize, height: usize) -> Self {
+        let plane = || vec![0.0; width * height];
+        Self {
+            width,
+            height,
+            rgb: [plane(), plane(), plane()],
+            expected_depth_m: plane(),
+            median_depth_m: plane(),
+            alpha: plane(),
+        }
+    }
+}

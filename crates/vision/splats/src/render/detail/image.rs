@@ -27,16 +27,7 @@ pub(super) fn render(
     view: &View,
     exposure: &Exposure,
 ) -> Image {
-    let pixels = view.width * view.height;
-    let plane = || vec![0.0; pixels];
-    let mut image = Image {
-        width: view.width,
-        height: view.height,
-        rgb: [plane(), plane(), plane()],
-        expected_depth_m: plane(),
-        median_depth_m: plane(),
-        alpha: plane(),
-    };
+    let mut image = Image::zeros(view.width, view.height);
     let rows = split(view.height);
     let columns = split(view.width);
     let height = rows.first().map_or(1, |(_, height)| *height);
