@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result, bail, ensure};
 
 /// Amount of work, and output folder.
 #[derive(Debug, PartialEq)]
@@ -31,4 +31,19 @@ impl Arguments {
         }
         Ok(parsed)
     }
+}
+
+/// The parts of a benchmark that `--only` names, of those it has.
+///
+/// # Errors
+/// There is no list, or a part of another name in it.
+pub(crate) fn parts(list: Option<&String>, known: &[&str]) -> Result<Vec<String>> {
+    let list = list.context("--only needs parts")?;
+    let parts: Vec<String> = list.split(',').map(str::to_owned).collect();
+    ensure!(
+        parts.iter().all(|part| known.contains(&part.as_str())),
+        "found the parts {list:?}, expected some of {}",
+        known.join(", ")
+    );
+    Ok(parts)
 }

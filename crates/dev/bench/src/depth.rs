@@ -21,7 +21,7 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, Result, bail, ensure};
+use anyhow::{Context, Result, bail};
 use serde_json::{Map, Value, json};
 
 mod bands;
@@ -37,7 +37,7 @@ pub(crate) mod race;
 mod real;
 mod test_set;
 
-use crate::stamp;
+use crate::{arguments, stamp};
 use frames::Frame;
 use peers::{Peers, SgbmConfig};
 use race::Race;
@@ -180,16 +180,7 @@ impl Options {
                 "--quick" => {}
                 "--fit" => parsed.fits = true,
                 "--out" => parsed.out = rest.next().context("--out needs a folder")?.into(),
-                "--only" => {
-                    let list = rest.next().context("--only needs parts")?;
-                    parsed.parts = list.split(',').map(str::to_owned).collect();
-                    let known = |part: &String| PARTS.contains(&part.as_str());
-                    ensure!(
-                        parsed.parts.iter().all(known),
-                        "found the parts {list:?}, expected some of {}",
-                        PARTS.join(", ")
-                    );
-                }
+                "--only" => parsed.parts = arguments::parts(rest.next(), &PARTS)?,
                 other => bail!(
                     "unknown argument {other:?}, expected --quick, --only PARTS, --fit or --out DIR"
                 ),

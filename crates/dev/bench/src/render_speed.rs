@@ -30,7 +30,7 @@ use measure::{Quality, Speed};
 use poses::{camera, reference_poses};
 use scenes::{Reconstruction, TUNING, WALKS, Walk};
 
-use crate::stamp;
+use crate::{arguments, stamp};
 
 const PARTS: [&str; 3] = ["batches", "sizes", "levels"];
 const THREADS: usize = 2;
@@ -241,16 +241,7 @@ impl Options {
                 "--quick" => (parsed.quick, parsed.views) = (true, 64),
                 "--out" => parsed.out = rest.next().context("--out needs a folder")?.into(),
                 "--walk" => parsed.walk = rest.next().context("--walk needs a name")?.clone(),
-                "--only" => {
-                    let list = rest.next().context("--only needs parts")?;
-                    parsed.parts = list.split(',').map(str::to_owned).collect();
-                    let known = |part: &String| PARTS.contains(&part.as_str());
-                    ensure!(
-                        parsed.parts.iter().all(known),
-                        "found the parts {list:?}, expected some of {}",
-                        PARTS.join(", ")
-                    );
-                }
+                "--only" => parsed.parts = arguments::parts(rest.next(), &PARTS)?,
                 other => bail!(
                     "unknown argument {other:?}, expected --quick, --only PARTS, --walk NAME or \
                      --out DIR"

@@ -16,7 +16,7 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, Result, bail, ensure};
+use anyhow::{Context, Result, bail};
 use serde_json::{Map, Value, json};
 use terrain::FusionConfig;
 use terrain::ground::Ground;
@@ -38,7 +38,7 @@ use scores::Quantiles;
 use truth::Truth;
 use walks::{Prepared, WALKS, Walk};
 
-use crate::{python, stamp};
+use crate::{arguments, python, stamp};
 
 const PARTS: [&str; 3] = ["walks", "voxels", "open3d"];
 
@@ -268,16 +268,7 @@ impl Options {
                     let seed = rest.next().context("--seed needs a number")?;
                     parsed.seed = Some(seed.parse().context("reading the seed")?);
                 }
-                "--only" => {
-                    let list = rest.next().context("--only needs parts")?;
-                    parsed.parts = list.split(',').map(str::to_owned).collect();
-                    let known = |part: &String| PARTS.contains(&part.as_str());
-                    ensure!(
-                        parsed.parts.iter().all(known),
-                        "found the parts {list:?}, expected some of {}",
-                        PARTS.join(", ")
-                    );
-                }
+                "--only" => parsed.parts = arguments::parts(rest.next(), &PARTS)?,
                 other => bail!(
                     "unknown argument {other:?}, expected --quick, --only PARTS, --walk NAME, \
                      --seed N or --out DIR"

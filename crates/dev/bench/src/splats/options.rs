@@ -2,9 +2,10 @@
 
 use std::path::PathBuf;
 
-use anyhow::{Context, Result, bail, ensure};
+use anyhow::{Context, Result, bail};
 
 use super::walks::Extent;
+use crate::arguments;
 use crate::terrain::walks::SMALL;
 
 pub(super) const PARTS: [&str; 6] = ["walks", "settings", "counts", "failures", "plain", "fox"];
@@ -60,15 +61,7 @@ impl Options {
                 "--seconds" => {
                     parsed.extent.seconds = value()?.parse().context("reading --seconds")?;
                 }
-                "--only" => {
-                    parsed.parts = list(value()?);
-                    let known = |part: &String| PARTS.contains(&part.as_str());
-                    ensure!(
-                        parsed.parts.iter().all(known),
-                        "--only takes {}",
-                        PARTS.join(", ")
-                    );
-                }
+                "--only" => parsed.parts = arguments::parts(rest.next(), &PARTS)?,
                 other => bail!(
                     "unknown argument {other:?}, expected --quick, --only, --walks, --presets, \
                      --steps, --seconds, --half or --out"
