@@ -1,0 +1,10 @@
+//! Simulators on scene bundles: images and depth at camera poses, agents that walk on the
+//! reconstructed ground, episodes for reinforcement learning.
+//!
+//! World frame z up, bodies x forward, y left, z up; metres, radians, seconds. The same scene,
+//! configuration and seed give the same bits on any number of threads and for any number of
+//! environments.
+
+mod error;
+
+pub use error::SimulationError;
