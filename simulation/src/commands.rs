@@ -1,0 +1,5 @@
+//! The verbs of `paws-sim`, one module each.
+
+pub(crate) mod film;
+pub(crate) mod info;
+pub(crate) mod view;
