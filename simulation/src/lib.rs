@@ -6,5 +6,10 @@
 //! environments.
 
 mod error;
+mod scene;
 
 pub use error::SimulationError;
+pub use scene::{
+    Area, BundleConfig, CrossingConfig, GaussianSource, GraphConfig, Missing, Place, RecordedView,
+    Recording, RecordingCamera, SceneData, Sector, SectorEdge, Similarity,
+};
