@@ -7,6 +7,7 @@
 
 mod error;
 mod scene;
+pub mod testing;
 
 pub use error::SimulationError;
 pub use scene::{

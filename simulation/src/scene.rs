@@ -9,6 +9,7 @@ mod bundle;
 mod crossing;
 mod gaussians;
 mod graph;
+mod hash;
 mod sector;
 mod similarity;
 
@@ -20,6 +21,7 @@ pub use gaussians::GaussianSource;
 pub use graph::GraphConfig;
 pub use sector::{Area, RecordedView, Recording, RecordingCamera, Sector, SectorEdge};
 pub use similarity::Similarity;
+pub(crate) use similarity::rigid;
 
 use crate::error::SimulationError;
 
@@ -71,7 +73,12 @@ impl SceneData {
     /// # Errors
     /// [`SimulationError::Scene`] for no sectors, names that are not unique, edges to unknown
     /// sectors, cycles of edges that do not close and scales inside of a recording.
-    pub fn new(
+    pub fn new(name: &str, sectors: Vec<Sector>) -> Result<Self, SimulationError> {
+        let hash = hash::of_sectors(&sectors);
+        Self::with_hash(name, sectors, hash, Vec::new())
+    }
+
+    fn with_hash(
         name: &str,
         sectors: Vec<Sector>,
         hash: [u8; 32],
