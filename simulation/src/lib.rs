@@ -6,5 +6,11 @@
 //! environments.
 
 mod error;
+mod scene;
+pub mod testing;
 
 pub use error::SimulationError;
+pub use scene::{
+    Area, BundleConfig, CrossingConfig, GaussianSource, GraphConfig, Missing, Place, RecordedView,
+    Recording, RecordingCamera, SceneData, Sector, SectorEdge, Similarity,
+};
