@@ -11,6 +11,7 @@ pub mod testing;
 
 pub use error::SimulationError;
 pub use scene::{
-    Area, BundleConfig, CrossingConfig, GaussianSource, GraphConfig, Missing, Place, RecordedView,
-    Recording, RecordingCamera, SceneData, Sector, SectorEdge, Similarity,
+    Area, BundleConfig, CrossingConfig, GaussianSource, GaussianStore, GraphConfig, Missing, Place,
+    RecordedView, Recording, RecordingCamera, ResidencyConfig, SceneData, Sector, SectorEdge,
+    SectorGaussians, Similarity,
 };
