@@ -6,14 +6,16 @@
 //! makes others leave that are needed. Otherwise those used longest ago leave. What failed is an
 //! error of the call that needs the sector; the next such call tries again.
 
+mod shared;
+
 use std::collections::BTreeMap;
-use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Condvar, Mutex, PoisonError};
 use std::thread::JoinHandle;
 
 use estimator_config::config;
-use splats::{DetailConfig, DetailScene, Scene};
+use splats::{DetailScene, Scene};
 
+use self::shared::{Loader, Shared, Slot, State, load};
 use super::SceneData;
 use crate::error::SimulationError;
 
@@ -62,41 +64,6 @@ pub struct GaussianStore {
 struct Prefetcher {
     handle: JoinHandle<()>,
     process: u32,
-}
-
-struct Shared {
-    scene: Arc<SceneData>,
-    loader: Loader,
-    state: Mutex<State>,
-    /// Something was loaded, failed or is wished for.
-    changed: Condvar,
-}
-
-/// Loads the Gaussians of a sector.
-type Loader =
-    Box<dyn Fn(&SceneData, usize) -> Result<SectorGaussians, SimulationError> + Send + Sync>;
-
-#[derive(Default)]
-struct State {
-    slots: BTreeMap<usize, Slot>,
-    /// Number of the request that used a sector last; grows.
-    clock: u64,
-    /// Sectors that must not leave.
-    required: Vec<usize>,
-    /// Sectors that may be needed soon, the nearest one first.
-    ahead: Vec<usize>,
-    /// Those of them that are still to be loaded, the nearest one last.
-    wishes: Vec<usize>,
-    is_closing: bool,
-}
-
-enum Slot {
-    Loading,
-    Failed(SimulationError),
-    Resident {
-        content: Arc<SectorGaussians>,
-        used: u64,
-    },
 }
 
 impl GaussianStore {
@@ -316,114 +283,6 @@ impl Drop for GaussianStore {
             drop(thread.handle.join());
         }
     }
-}
-
-impl Shared {
-    fn lock(&self) -> MutexGuard<'_, State> {
-        self.state.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
-    fn wait<'a>(&self, state: MutexGuard<'a, State>) -> MutexGuard<'a, State> {
-        let waited = self.changed.wait(state);
-        waited.unwrap_or_else(PoisonError::into_inner)
-    }
-
-    fn bytes(&self, sector: usize) -> u64 {
-        let gaussians = self.scene.sectors[sector].gaussians.as_ref();
-        gaussians.map_or(0, |gaussians| gaussians.resident_bytes())
-    }
-
-    /// Loads a sector; a panic is an error as well.
-    fn load(&self, sector: usize) -> Result<SectorGaussians, SimulationError> {
-        let loading = AssertUnwindSafe(|| (self.loader)(&self.scene, sector));
-        catch_unwind(loading).unwrap_or_else(|_| {
-            Err(SimulationError::Scene {
-                place: format!("Gaussians of sector {}", self.scene.sectors[sector].name),
-                found: "a panic while they were loaded".to_owned(),
-                expected: "Gaussians".to_owned(),
-            })
-        })
-    }
-
-    /// Removes sectors used longest ago until the needed ones fit; false if they do not because of
-    /// others that are being loaded.
-    fn make_room(&self, state: &mut State, needed: &[usize], budget_bytes: u64) -> bool {
-        let of_needed: u64 = needed.iter().map(|sector| self.bytes(*sector)).sum();
-        loop {
-            let kept = state
-                .slots
-                .iter()
-                .filter(|(_, slot)| !matches!(slot, Slot::Failed(_)));
-            let others = kept.filter(|(sector, _)| !needed.contains(sector));
-            let of_others: u64 = others.map(|(sector, _)| self.bytes(*sector)).sum();
-            if of_others + of_needed <= budget_bytes {
-                return true;
-            }
-            let resident = state.slots.iter().filter_map(|(sector, slot)| match slot {
-                Slot::Resident { used, .. } if !needed.contains(sector) => Some((*used, *sector)),
-                _ => None,
-            });
-            let Some((_, oldest)) = resident.min() else {
-                return false;
-            };
-            state.slots.remove(&oldest);
-        }
-    }
-
-    /// Loads what is wished for until the store closes.
-    fn prefetch(&self, budget_bytes: u64) {
-        let mut state = self.lock();
-        while !state.is_closing {
-            let Some(sector) = state.wishes.pop() else {
-                self.changed.notify_all();
-                let waited = self
-                    .changed
-                    .wait_while(state, |s| s.wishes.is_empty() && !s.is_closing);
-                state = waited.unwrap_or_else(PoisonError::into_inner);
-                continue;
-            };
-            if state.slots.contains_key(&sector) || !self.has_room_for(&state, sector, budget_bytes)
-            {
-                continue;
-            }
-            let mut needed = state.required.clone();
-            needed.push(sector);
-            // Sectors wished for as well may have to leave again; the nearest one is loaded first.
-            self.make_room(&mut state, &needed, budget_bytes);
-            state.slots.insert(sector, Slot::Loading);
-            drop(state);
-            let loaded = self.load(sector);
-            state = self.lock();
-            let used = state.clock;
-            let slot = match loaded {
-                Ok(content) => Slot::Resident {
-                    content: Arc::new(content),
-                    used,
-                },
-                Err(error) => Slot::Failed(error),
-            };
-            state.slots.insert(sector, slot);
-            self.changed.notify_all();
-        }
-    }
-}
-
-fn load(scene: &SceneData, sector: usize) -> Result<SectorGaussians, SimulationError> {
-    let of = &scene.sectors[sector];
-    let wrong = |found: String| SimulationError::Scene {
-        place: format!("sector {}", of.name),
-        found,
-        expected: "Gaussians, output splats".to_owned(),
-    };
-    let source = of.gaussians.as_ref();
-    let source = source.ok_or_else(|| wrong("none".to_owned()))?;
-    let exact = source.load()?;
-    let detail = DetailScene::new(&exact, &DetailConfig::default());
-    Ok(SectorGaussians {
-        detail: detail.map_err(|error| wrong(error.to_string()))?,
-        exact,
-        is_compensated: source.is_compensated(),
-    })
 }
 
 #[cfg(test)]
