@@ -5,10 +5,12 @@
 //! configuration and seed give the same bits on any number of threads and for any number of
 //! environments.
 
+mod alignment;
 mod error;
 mod scene;
 pub mod testing;
 
+pub use alignment::{Alignment, AlignmentConfig, AlignmentModel, align_points, align_trajectories};
 pub use error::SimulationError;
 pub use scene::{
     Area, BundleConfig, CrossingConfig, GaussianSource, GaussianStore, GraphConfig, Missing, Place,
