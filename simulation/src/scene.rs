@@ -10,6 +10,7 @@ mod crossing;
 mod gaussians;
 mod graph;
 mod hash;
+mod residency;
 mod sector;
 mod similarity;
 
@@ -19,6 +20,7 @@ pub use bundle::BundleConfig;
 pub use crossing::{CrossingConfig, Place};
 pub use gaussians::GaussianSource;
 pub use graph::GraphConfig;
+pub use residency::{GaussianStore, ResidencyConfig, SectorGaussians};
 pub use sector::{Area, RecordedView, Recording, RecordingCamera, Sector, SectorEdge};
 pub use similarity::Similarity;
 pub(crate) use similarity::rigid;

@@ -2,7 +2,7 @@
 //!
 //! Every scene consists of parallelograms: heights, normals and depths of rays are closed formulas.
 //! From them come the walkable levels, a recorded walk and Gaussians that cover all surfaces. A
-//! scene is made in memory in well under a second.
+//! scene is made in memory, in a second at most.
 
 mod levels;
 mod surfaces;
@@ -99,7 +99,9 @@ impl SyntheticScene {
         let mut all = Surfaces::default();
         all.add_ground([0.0; 2], [3.0, 4.0], [0.0; 3], CONCRETE, Some(0));
         all.add_ground([3.0, 0.0], [6.0, 4.0], [height_m; 3], GRASS, Some(0));
-        all.patches.push(riser([3.0, 0.0, 0.0], 4.0, height_m));
+        if height_m != 0.0 {
+            all.patches.push(riser([3.0, 0.0, 0.0], 4.0, height_m));
+        }
         let walk = [[0.5, 2.0, 0.0], [5.5, 2.0, height_m]];
         Self::of("kerb", all, [6.0, 4.0], &walk)
     }

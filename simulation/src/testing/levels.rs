@@ -217,6 +217,9 @@ fn distances(level: &mut MapLevel) {
 /// Squared distance of every node to the nearest one that is set: along rows, then over columns.
 fn squared_distances(is_set: &[bool], width: usize) -> Vec<f64> {
     let height = is_set.len() / width;
+    if !is_set.contains(&true) {
+        return vec![f64::INFINITY; is_set.len()];
+    }
     let mut along = vec![f64::INFINITY; is_set.len()];
     for row in 0..height {
         let mut sweep = |columns: &mut dyn Iterator<Item = usize>| {
