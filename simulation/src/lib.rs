@@ -6,5 +6,9 @@
 //! environments.
 
 mod error;
+mod randomness;
+mod reference_poses;
 
 pub use error::SimulationError;
+pub use randomness::{RandomStream, Stream};
+pub use reference_poses::{Deviation, DeviationConfig, ReferencePoses, SupportMap, SupportSample};
