@@ -8,7 +8,12 @@
 mod error;
 mod randomness;
 mod reference_poses;
+mod scene;
 
 pub use error::SimulationError;
 pub use randomness::{RandomStream, Stream};
 pub use reference_poses::{Deviation, DeviationConfig, ReferencePoses, SupportMap, SupportSample};
+pub use scene::{
+    Area, BundleConfig, CrossingConfig, GaussianSource, GraphConfig, Missing, Place, RecordedView,
+    Recording, RecordingCamera, SceneData, Sector, SectorEdge, Similarity,
+};

@@ -1,0 +1,168 @@
+//! Checks of the edges between sectors.
+//!
+//! Edges form cycles, two sectors with an edge each way the shortest. Along a spanning tree every
+//! sector has a pose; each other edge closes one cycle, whose error is measured where an agent
+//! crosses it, in the middle of the overlap.
+
+use std::collections::{BTreeMap, VecDeque};
+
+use estimator_config::config;
+use nalgebra::Vector3;
+
+use super::sector::{Sector, SectorEdge};
+use super::similarity::Similarity;
+use crate::error::SimulationError;
+
+config! {
+    /// How well edges have to agree.
+    pub struct GraphConfig {
+        /// Largest distance by which a cycle of edges misses where it began, m. Source: exam 6.6 of
+        /// the simulators. More is a jump of the agent that a step limit of 20 cm does not hide.
+        pub max_gap_m: f64 = 0.01,
+        /// Largest rotation by which a cycle misses, degrees. Source: as above.
+        pub max_gap_deg: f64 = 0.2,
+        /// Largest relative error of the scale of a cycle: a centimetre over 10 m.
+        pub max_scale_gap: f64 = 1e-3,
+    }
+}
+
+/// Checks sectors and edges.
+pub(super) fn check(sectors: &[Sector], config: &GraphConfig) -> Result<(), SimulationError> {
+    let wrong = |place: String, found: String, expected: String| SimulationError::Scene {
+        place,
+        found,
+        expected,
+    };
+    if sectors.is_empty() {
+        let expected = "at least one".to_owned();
+        return Err(wrong("sectors".to_owned(), "none".to_owned(), expected));
+    }
+    let mut names = BTreeMap::new();
+    for (number, sector) in sectors.iter().enumerate() {
+        if let Some(other) = names.insert(&sector.name, number) {
+            let place = format!("sector {number}");
+            let found = format!("the name {:?} of sector {other}", sector.name);
+            return Err(wrong(place, found, "a name of its own".to_owned()));
+        }
+        for edge in &sector.edges {
+            check_edge(sectors, number, edge)?;
+        }
+    }
+    for (number, edge, gap) in cycles(sectors) {
+        let place = edge_name(sectors, number, edge);
+        if !gap.is_within(config) {
+            let found = format!(
+                "a cycle that does not close by {:.4} m, {:.3} degrees and a scale of {:.6}",
+                gap.distance_m, gap.angle_deg, gap.scale
+            );
+            let expected = format!(
+                "at most {} m, {} degrees and a scale of 1 within {}",
+                config.max_gap_m, config.max_gap_deg, config.max_scale_gap
+            );
+            return Err(wrong(place, found, expected));
+        }
+    }
+    Ok(())
+}
+
+fn edge_name(sectors: &[Sector], from: usize, edge: &SectorEdge) -> String {
+    let name = |index: usize| match sectors.get(index) {
+        Some(sector) => sector.name.clone(),
+        None => format!("number {index}"),
+    };
+    format!("edge from {} to {}", name(from), name(edge.to))
+}
+
+fn check_edge(sectors: &[Sector], from: usize, edge: &SectorEdge) -> Result<(), SimulationError> {
+    let (found, expected) = if edge.to >= sectors.len() {
+        let found = format!("sector {} of {}", edge.to, sectors.len());
+        (found, "a sector of the scene")
+    } else if edge.to == from {
+        ("an edge to itself".to_owned(), "another sector")
+    } else if !edge.is_imported && !edge.to_from_here.is_rigid() {
+        let found = format!("a scale of {}", edge.to_from_here.scale());
+        (found, "1, inside of a recording")
+    } else {
+        return Ok(());
+    };
+    Err(SimulationError::Scene {
+        place: edge_name(sectors, from, edge),
+        found,
+        expected: expected.to_owned(),
+    })
+}
+
+/// By how much a cycle misses its begin.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Gap {
+    pub(super) distance_m: f64,
+    pub(super) angle_deg: f64,
+    pub(super) scale: f64,
+}
+
+impl Gap {
+    fn is_within(&self, config: &GraphConfig) -> bool {
+        self.distance_m <= config.max_gap_m
+            && self.angle_deg <= config.max_gap_deg
+            && (self.scale - 1.0).abs() <= config.max_scale_gap
+    }
+}
+
+/// The cycles of a spanning tree: for each edge that is not of the tree its gap.
+pub(super) fn cycles(sectors: &[Sector]) -> Vec<(usize, &SectorEdge, Gap)> {
+    let mut roots_from: Vec<Option<Similarity>> = vec![None; sectors.len()];
+    // Edges of both directions, each as a way from its sector.
+    let mut ways: Vec<Vec<(usize, Similarity)>> = vec![Vec::new(); sectors.len()];
+    for (from, sector) in sectors.iter().enumerate() {
+        for edge in &sector.edges {
+            ways[from].push((edge.to, edge.to_from_here));
+            ways[edge.to].push((from, edge.to_from_here.inverse()));
+        }
+    }
+    for root in 0..sectors.len() {
+        if roots_from[root].is_some() {
+            continue;
+        }
+        roots_from[root] = Some(Similarity::identity());
+        let mut open = VecDeque::from([(root, Similarity::identity())]);
+        while let Some((here, root_from_here)) = open.pop_front() {
+            for (to, to_from_here) in &ways[here] {
+                if roots_from[*to].is_none() {
+                    let root_from_to = root_from_here.compose(&to_from_here.inverse());
+                    roots_from[*to] = Some(root_from_to);
+                    open.push_back((*to, root_from_to));
+                }
+            }
+        }
+    }
+    let mut all = Vec::new();
+    for (from, sector) in sectors.iter().enumerate() {
+        for edge in &sector.edges {
+            if let (Some(root_from_here), Some(root_from_to)) =
+                (roots_from[from], roots_from[edge.to])
+            {
+                let tree = root_from_to.inverse().compose(&root_from_here);
+                all.push((from, edge, gap(edge, &tree)));
+            }
+        }
+    }
+    all
+}
+
+/// The difference between an edge and another way to its sector, at the overlap.
+fn gap(edge: &SectorEdge, other: &Similarity) -> Gap {
+    let [x, y] = edge.overlap.center_m();
+    let heights = edge.overlap.height_m;
+    let z = match heights.iter().all(|v| v.is_finite()) {
+        true => 0.5 * (heights[0] + heights[1]),
+        false => 0.0,
+    };
+    let [by_edge, by_other] =
+        [&edge.to_from_here, other].map(|to| Vector3::from(to.apply([x, y, z])));
+    let rotation = edge.to_from_here.rotation().inverse() * other.rotation();
+    Gap {
+        distance_m: (by_edge - by_other).norm(),
+        angle_deg: rotation.angle().to_degrees(),
+        scale: edge.to_from_here.scale() / other.scale(),
+    }
+}
