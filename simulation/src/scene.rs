@@ -9,6 +9,8 @@ mod bundle;
 mod crossing;
 mod gaussians;
 mod graph;
+mod hash;
+mod residency;
 mod sector;
 mod similarity;
 
@@ -18,8 +20,10 @@ pub use bundle::BundleConfig;
 pub use crossing::{CrossingConfig, Place};
 pub use gaussians::GaussianSource;
 pub use graph::GraphConfig;
+pub use residency::{GaussianStore, ResidencyConfig, SectorGaussians};
 pub use sector::{Area, RecordedView, Recording, RecordingCamera, Sector, SectorEdge};
 pub use similarity::Similarity;
+pub(crate) use similarity::rigid;
 
 use crate::error::SimulationError;
 
@@ -71,7 +75,12 @@ impl SceneData {
     /// # Errors
     /// [`SimulationError::Scene`] for no sectors, names that are not unique, edges to unknown
     /// sectors, cycles of edges that do not close and scales inside of a recording.
-    pub fn new(
+    pub fn new(name: &str, sectors: Vec<Sector>) -> Result<Self, SimulationError> {
+        let hash = hash::of_sectors(&sectors);
+        Self::with_hash(name, sectors, hash, Vec::new())
+    }
+
+    fn with_hash(
         name: &str,
         sectors: Vec<Sector>,
         hash: [u8; 32],

@@ -105,7 +105,7 @@ pub(super) fn open(path: &Path, config: &BundleConfig) -> Result<SceneData, Simu
         USES.iter()
             .position(|(output, _)| *output == missing.output)
     });
-    SceneData::new(
+    SceneData::with_hash(
         &opening.name,
         sectors,
         *opening.hasher.finalize().as_bytes(),

@@ -81,6 +81,21 @@ impl SceneData {
         is_inside.then_some((edge, x * x * (3.0 - 2.0 * x)))
     }
 
+    /// Sectors at the other end of all edges of a sector, and the distance from a position to
+    /// where each would own it, m; 0 beyond the border.
+    pub(super) fn borders(
+        &self,
+        sector: usize,
+        at_m: [f64; 3],
+    ) -> impl Iterator<Item = (usize, f64)> {
+        let edges = self.sectors[sector].edges.iter();
+        edges.map(move |edge| {
+            let there = &self.sectors[edge.to].area;
+            let depth_m = there.depth_m(edge.to_from_here.apply(at_m));
+            (edge.to, (-depth_m).max(0.0))
+        })
+    }
+
     /// The edge whose sector has a position deepest inside, and how far beyond the common border
     /// the position is, m; negative on this side. The first one of several.
     fn nearest<'a>(&'a self, here: &'a Sector, at_m: [f64; 3]) -> Option<(&'a SectorEdge, f64)> {

@@ -4,9 +4,11 @@ use std::fmt;
 use std::sync::Arc;
 
 use gaussians::{Plane, Splats};
-use scene_bundle::outputs::splats::SplatScene;
+use scene_bundle::outputs;
+use scene_bundle::outputs::splats::{SplatBackground, SplatScene};
 use splats::{Background, Scene, Sky};
 
+use super::hash::floats;
 use crate::error::SimulationError;
 
 /// Largest ratio of all levels of a [`splats::DetailScene`] to the Gaussians themselves. Levels
@@ -94,6 +96,25 @@ impl GaussianSource {
         self.count as u64 * numbers * size_of::<f32>() as u64
     }
 
+    /// Adds them to a hash: the content in memory, the hashes of files.
+    pub(super) fn hash(&self, hasher: &mut blake3::Hasher) {
+        match &self.storage {
+            Storage::Memory(scene) => {
+                for plane in scene.splats.planes() {
+                    floats(hasher, plane);
+                }
+                match &scene.background {
+                    Background::Constant(color) => floats(hasher, color),
+                    Background::Sky(sky) => floats(hasher, sky.texels().as_flattened()),
+                }
+            }
+            Storage::Bundle(gaussians) => {
+                let output = gaussians.scene.manifest().outputs.get(outputs::SPLATS);
+                hasher.update(output.map_or(&[], |output| output.hash.as_bytes()));
+            }
+        }
+    }
+
     /// Reads them.
     ///
     /// # Errors
@@ -118,18 +139,18 @@ impl BundleGaussians {
             path: self.scene.path(),
             source,
         };
-        let reader = self.scene.output(scene_bundle::outputs::SPLATS);
+        let reader = self.scene.output(outputs::SPLATS);
         let reader = reader.map_err(bundle_error)?;
         let mut planes = vec![Vec::new(); Plane::count(self.record.degree)];
         for part in &self.parts {
-            let splats = scene_bundle::outputs::splats::read_sector(&reader, &self.record, *part);
+            let splats = outputs::splats::read_sector(&reader, &self.record, *part);
             let splats = splats.map_err(bundle_error)?;
             let kept = indices_in_box(&splats, self.min_m, self.max_m);
             for (all, plane) in planes.iter_mut().zip(splats.planes()) {
                 all.extend(kept.iter().map(|index| plane[*index]));
             }
         }
-        let texels = scene_bundle::outputs::splats::read_sky(&reader, &self.record);
+        let texels = outputs::splats::read_sky(&reader, &self.record);
         let background = background(&self.record, texels.map_err(bundle_error)?);
         let splats = Splats::from_planes(self.record.degree, planes).map_err(|e| e.to_string());
         let place = format!("Gaussians of sector {}", self.name);
@@ -155,7 +176,6 @@ fn scene_of(
 }
 
 fn background(record: &SplatScene, texels: Vec<[f32; 3]>) -> Result<Background, String> {
-    use scene_bundle::outputs::splats::SplatBackground;
     match record.background {
         SplatBackground::Constant(color) => Ok(Background::Constant(color)),
         SplatBackground::Sky { size } => Sky::from_texels(size, texels)
