@@ -333,4 +333,4 @@ fn begin_all(
 }
 
 #[cfg(test)]
-mod tests;
+pub(crate) mod tests;

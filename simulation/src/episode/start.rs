@@ -7,11 +7,9 @@ pub(crate) mod candidates;
 
 use std::fmt::Write;
 
-use cad_transforms::RigidTransform;
 use estimator_config::config;
 use serde::{Deserialize, Serialize};
 
-use super::randomization::Drawn;
 use crate::SimulationError;
 use crate::agent::AgentState;
 use crate::error::check_range;
@@ -127,16 +125,14 @@ pub(crate) fn draw(
     seed: u64,
     episode: u64,
     number: usize,
-    drawn: &Drawn,
 ) -> Result<Start, Condition> {
     let random = RandomStream::new(seed, episode, Stream::Start);
     let first = number as u64 * NUMBERS;
-    let body_from_camera = drawn.body_from_camera(&shared.mount);
     let proposal = match shared.config.start.mode {
         StartMode::FreeSpace => in_free_space(shared, &random, first),
-        StartMode::Recorded => near_recorded(shared, &random, first, &body_from_camera),
+        StartMode::Recorded => near_recorded(shared, &random, first),
     };
-    check(shared, proposal, &body_from_camera)
+    check(shared, proposal)
 }
 
 /// Sector, position, height near the ground, yaw.
@@ -153,12 +149,8 @@ fn in_free_space(shared: &Shared, random: &RandomStream, first: u64) -> Proposal
     (cell.sector, at_m, cell.height_m, yaw_rad)
 }
 
-fn near_recorded(
-    shared: &Shared,
-    random: &RandomStream,
-    first: u64,
-    body_from_camera: &RigidTransform,
-) -> Proposal {
+fn near_recorded(shared: &Shared, random: &RandomStream, first: u64) -> Proposal {
+    let body_from_camera = &shared.mount;
     let views = &shared.candidates.views;
     let view = &views[random.below(first, views.len())];
     let config = &shared.config.start;
@@ -181,11 +173,11 @@ fn near_recorded(
     (view.sector, at_m, z - up, yaw_rad)
 }
 
-/// The state on the ground, or the first condition that does not hold.
+/// The state on the ground, or the first condition that does not hold. Cameras are those without
+/// errors of their mount: other ranges of these draw the same starts.
 pub(crate) fn check(
     shared: &Shared,
     (sector, at_m, near_z_m, yaw_rad): Proposal,
-    body_from_camera: &RigidTransform,
 ) -> Result<Start, Condition> {
     let terrain = &shared.terrains[sector as usize];
     let (ground, config) = (&terrain.ground, &shared.config);
@@ -208,10 +200,10 @@ pub(crate) fn check(
     if tilt_cosine < libm::cos(config.end.max_tilt_rad) {
         return Err(Condition::Footing);
     }
-    let world_from_camera = state.world_from_body() * *body_from_camera;
+    let world_from_camera = state.world_from_body() * shared.mount;
     let (deviation, support_db) = shared.deviation(sector, &world_from_camera);
     if let Some(deviation) = deviation {
-        if config.support.is_some() && support_db < config.start.min_support_db {
+        if support_db < config.start.min_support_db {
             return Err(Condition::Support);
         }
         if config.end.is_too_far(&deviation, support_db) {

@@ -108,6 +108,18 @@ impl WorldConfig {
         ] {
             check_range(name, value, [1e-3, 100.0], "0.001 to 100 m")?;
         }
+        for (name, value) in [
+            ("start.min_support_db", self.start.min_support_db),
+            ("end.min_support_db", self.end.min_support_db),
+        ] {
+            if self.support.is_none() && value > 0.0 {
+                return Err(SimulationError::Setting {
+                    name: name.to_owned(),
+                    found: value.to_string(),
+                    expected: "0 without a support map".to_owned(),
+                });
+            }
+        }
         self.start.check()?;
         self.end.check()?;
         self.task.check()?;
