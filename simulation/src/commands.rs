@@ -3,3 +3,4 @@
 pub(crate) mod film;
 pub(crate) mod info;
 pub(crate) mod view;
+mod walk;
