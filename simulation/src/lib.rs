@@ -6,10 +6,14 @@
 //! environments.
 
 mod error;
+mod randomness;
+mod reference_poses;
 mod scene;
 pub mod testing;
 
 pub use error::SimulationError;
+pub use randomness::{RandomStream, Stream};
+pub use reference_poses::{Deviation, DeviationConfig, ReferencePoses, SupportMap, SupportSample};
 pub use scene::{
     Area, BundleConfig, CrossingConfig, GaussianSource, GaussianStore, GraphConfig, Missing, Place,
     RecordedView, Recording, RecordingCamera, ResidencyConfig, SceneData, Sector, SectorEdge,
