@@ -6,7 +6,7 @@ use std::sync::Arc;
 use anyhow::{Context, Result, bail};
 use jpeg_encoder::{ColorType, Encoder};
 use simulation::{
-    AgentState, CameraBatch, CameraConfig, FrameRequest, Frames, GaussianStore, Ground, Guide,
+    AgentState, CameraBatch, CameraConfig, FrameRequest, Frames, GaussianStore, Guide,
     MapImage, ResidencyConfig, SceneData, Task, World, WorldConfig,
 };
 
@@ -26,9 +26,8 @@ const REACHED_M: f64 = 0.3;
 /// An agent in a scene.
 pub(super) struct Walk {
     world: World,
-    /// The ground of each sector.
-    grounds: Vec<Ground>,
-    guide: Guide,
+    /// One for each sector.
+    guides: Vec<Guide>,
     camera: CameraBatch,
     frames: Frames,
     pub(super) map: MapImage,
@@ -54,15 +53,16 @@ impl Walk {
         config.end.time_limit_s = 1e6;
         config.end.unknown_ground_ends = false;
         config.end.left_map_ends = false;
-        let mut grounds = Vec::new();
+        let mut guides = Vec::new();
+        let mut map = None;
         for sector in &scene.sectors {
             let Some(levels) = &sector.levels else {
                 bail!("sector {} has no maps to walk on", sector.name);
             };
-            grounds.push(Ground::new(levels.to_vec(), &config.agent)?);
+            map = map.or_else(|| MapImage::new(levels));
+            guides.push(Guide::new(levels.to_vec(), &config.agent, seed, GOALS_M)?);
         }
-        let levels = grounds[0].levels();
-        let mut map = MapImage::new(levels).context("the maps of the scene are empty")?;
+        let mut map = map.context("the maps of the scene are empty")?;
         let trajectory = scene.sectors[0].recording.trajectory.as_ref();
         let path_m: Vec<[f64; 2]> = trajectory
             .into_iter()
@@ -75,11 +75,9 @@ impl Walk {
         map.path(&path_m);
         let store = GaussianStore::new(Arc::clone(&scene), ResidencyConfig::default());
         let camera = CameraConfig::pinhole(SIZE, FIELD_OF_VIEW_RAD)?;
-        let guide = Guide::new(&config.agent, seed, GOALS_M);
         let mut walk = Self {
             world: World::new(scene, config)?,
-            grounds,
-            guide,
+            guides,
             camera: CameraBatch::new(Arc::new(store), camera)?,
             frames: Frames::default(),
             map,
@@ -93,7 +91,7 @@ impl Walk {
     /// Begins at another start.
     pub(super) fn reset(&mut self) -> Result<()> {
         self.before_m += f64::from(self.world.result().path_length_m[0]);
-        self.guide.forget();
+        self.guides.iter_mut().for_each(Guide::forget);
         Ok(self.world.reset(None, None)?)
     }
 
@@ -104,8 +102,8 @@ impl Walk {
 
     /// The action that leads to the next goal.
     pub(super) fn guide(&mut self) -> [f64; 2] {
-        let ground = &self.grounds[self.world.world_from_camera(0).0];
-        self.guide.action(ground, &self.world.states()[0], REACHED_M)
+        let sector = self.world.world_from_camera(0).0;
+        self.guides[sector].action(&self.world.states()[0], REACHED_M)
     }
 
     /// Moves the agent by a step; where that ends the episode, another begins.
@@ -144,13 +142,14 @@ impl Walk {
 
     /// Its goal on the map, px.
     pub(super) fn goal_px(&self) -> Option<[f64; 2]> {
-        let [x, y, _] = self.guide.goal_m()?;
+        let sector = self.world.world_from_camera(0).0;
+        let [x, y, _] = self.guides[sector].goal_m()?;
         Some(self.map.px([x, y]))
     }
 
     /// Goals that it reached.
     pub(super) fn reached(&self) -> u32 {
-        self.guide.reached()
+        self.guides.iter().map(Guide::reached).sum()
     }
 
     /// Path length of all episodes, m.
