@@ -5,12 +5,18 @@
 //! configuration and seed give the same bits on any number of threads and for any number of
 //! environments.
 
+mod camera;
 mod error;
 mod randomness;
 mod reference_poses;
 mod scene;
 pub mod testing;
 
+pub use camera::{
+    CameraBatch, CameraConfig, CameraSchedule, CameraView, Capture, DepthKind, ExposureConfig,
+    FrameBuffers, FrameQueue, FrameRequest, Frames, NoiseConfig, NoiseKey, Quality, RenderReport,
+    ShutterConfig, TimingConfig, pinhole, scaled_model,
+};
 pub use error::SimulationError;
 pub use randomness::{RandomStream, Stream};
 pub use reference_poses::{Deviation, DeviationConfig, ReferencePoses, SupportMap, SupportSample};
