@@ -85,13 +85,11 @@ impl ToneCurve {
 
     /// Linear light of a color of the scene.
     pub(super) fn light(&self, value: f32) -> f32 {
-        // Also NaN.
-        if !(value > 0.0) {
-            return 0.0;
-        }
         if value >= 1.0 {
             return libm::powf(value, SCENE_GAMMA as f32);
         }
+        // 0 for NaN.
+        let value = value.max(0.0);
         let at = value * CELLS as f32;
         let cell = at as usize;
         let rest = at - cell as f32;
