@@ -112,16 +112,6 @@ impl SupportMap {
         errors.sum::<f64>() / samples.len() as f64
     }
 
-    /// Bytes that two maps share only if they are equal, for a hash.
-    pub(crate) fn bits(&self) -> impl Iterator<Item = u64> + '_ {
-        let losses = [&self.distance, &self.angle];
-        let numbers = losses
-            .into_iter()
-            .flat_map(|loss| loss.knots.iter().chain(&loss.slopes));
-        std::iter::once(&self.level_db)
-            .chain(numbers)
-            .map(|value| value.to_bits())
-    }
 }
 
 impl Loss {
