@@ -13,7 +13,7 @@ pub mod testing;
 pub use alignment::{Alignment, AlignmentConfig, AlignmentModel, align_points, align_trajectories};
 pub use error::SimulationError;
 pub use scene::{
-    Area, BundleConfig, CrossingConfig, GaussianSource, GaussianStore, GraphConfig, Missing, Place,
-    RecordedView, Recording, RecordingCamera, ResidencyConfig, SceneData, Sector, SectorEdge,
-    SectorGaussians, Similarity,
+    Area, BeogymConfig, BundleConfig, CrossingConfig, GaussianSource, GaussianStore, GraphConfig,
+    Missing, Place, RecordedView, Recording, RecordingCamera, ResidencyConfig, SceneData, Sector,
+    SectorEdge, SectorGaussians, Similarity,
 };
