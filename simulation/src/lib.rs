@@ -5,23 +5,31 @@
 //! configuration and seed give the same bits on any number of threads and for any number of
 //! environments.
 
+mod agent;
+mod alignment;
 mod camera;
 mod error;
+mod geodesic;
+mod ground;
 mod randomness;
 mod reference_poses;
 mod scene;
 pub mod testing;
 
+pub use agent::{AgentConfig, AgentState, Block, BlockReason, Drive, Footing, Motion, advance};
+pub use alignment::{Alignment, AlignmentConfig, AlignmentModel, align_points, align_trajectories};
 pub use camera::{
     CameraBatch, CameraConfig, CameraSchedule, CameraView, Capture, DepthKind, ExposureConfig,
     FrameBuffers, FrameQueue, FrameRequest, Frames, NoiseConfig, NoiseKey, Quality, RenderReport,
     ShutterConfig, TimingConfig, pinhole, scaled_model,
 };
 pub use error::SimulationError;
+pub use geodesic::DistanceField;
+pub use ground::{Cover, Ground, Surface};
 pub use randomness::{RandomStream, Stream};
 pub use reference_poses::{Deviation, DeviationConfig, ReferencePoses, SupportMap, SupportSample};
 pub use scene::{
-    Area, BundleConfig, CrossingConfig, GaussianSource, GaussianStore, GraphConfig, Missing, Place,
-    RecordedView, Recording, RecordingCamera, ResidencyConfig, SceneData, Sector, SectorEdge,
-    SectorGaussians, Similarity,
+    Area, BeogymConfig, BundleConfig, CrossingConfig, GaussianSource, GaussianStore, GraphConfig,
+    Missing, Place, RecordedView, Recording, RecordingCamera, ResidencyConfig, SceneData, Sector,
+    SectorEdge, SectorGaussians, Similarity,
 };
