@@ -27,7 +27,10 @@ pub(crate) const EXAMPLES: Table = &[
     (
         "view",
         &[
-            ("paws-sim view walk.scene", "then open the address that it prints"),
+            (
+                "paws-sim view walk.scene",
+                "then open the address that it prints",
+            ),
             ("paws-sim view walk.scene --port 0", "at any free port"),
         ],
     ),

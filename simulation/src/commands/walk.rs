@@ -6,8 +6,8 @@ use std::sync::Arc;
 use anyhow::{Context, Result, bail};
 use jpeg_encoder::{ColorType, Encoder};
 use simulation::{
-    AgentState, CameraBatch, CameraConfig, FrameRequest, Frames, GaussianStore, Guide,
-    MapImage, ResidencyConfig, SceneData, Task, World, WorldConfig,
+    AgentState, CameraBatch, CameraConfig, FrameRequest, Frames, GaussianStore, Guide, MapImage,
+    ResidencyConfig, SceneData, Task, World, WorldConfig,
 };
 
 /// Size of the images, px.
@@ -42,7 +42,12 @@ impl Walk {
     pub(super) fn open(path: &Path, seed: u64) -> Result<Self> {
         let scene = Arc::new(SceneData::open(path)?);
         for missing in scene.missing() {
-            log::warn!("{}: no output {}: {}", missing.place, missing.output, missing.features);
+            log::warn!(
+                "{}: no output {}: {}",
+                missing.place,
+                missing.output,
+                missing.features
+            );
         }
         let mut config = WorldConfig {
             seed,

@@ -88,7 +88,8 @@ pub(crate) fn serve(
                 async move { Ok::<_, Infallible>(answer(request, page, &step).await) }
             });
             tokio::task::spawn_local(async move {
-                let connection = http1::Builder::new().serve_connection(TokioIo::new(stream), service);
+                let connection =
+                    http1::Builder::new().serve_connection(TokioIo::new(stream), service);
                 if let Err(error) = connection.await {
                     log::debug!("a connection ended: {error}");
                 }
@@ -102,17 +103,26 @@ async fn answer(
     page: Bytes,
     step: &RefCell<impl FnMut(Control) -> Result<View>>,
 ) -> Response<Full<Bytes>> {
-    let host = request.headers().get(HOST).and_then(|host| host.to_str().ok());
+    let host = request
+        .headers()
+        .get(HOST)
+        .and_then(|host| host.to_str().ok());
     let name = host.map(|host| host.rsplit_once(':').map_or(host, |(name, _)| name));
     if !matches!(name, Some("localhost" | "127.0.0.1")) {
-        return plain(StatusCode::FORBIDDEN, "this server answers to localhost only");
+        return plain(
+            StatusCode::FORBIDDEN,
+            "this server answers to localhost only",
+        );
     }
     match (request.method(), request.uri().path()) {
         (&Method::GET, "/") => typed(StatusCode::OK, "text/html; charset=utf-8", page),
         (&Method::POST, "/step") => {
             let kind = request.headers().get(CONTENT_TYPE);
             if kind.is_none_or(|kind| kind != "application/json") {
-                return plain(StatusCode::UNSUPPORTED_MEDIA_TYPE, "expected application/json");
+                return plain(
+                    StatusCode::UNSUPPORTED_MEDIA_TYPE,
+                    "expected application/json",
+                );
             }
             let body = Limited::new(request.into_body(), MAX_BODY).collect().await;
             let Ok(body) = body else {
@@ -134,7 +144,11 @@ async fn answer(
 }
 
 fn plain(status: StatusCode, text: &str) -> Response<Full<Bytes>> {
-    typed(status, "text/plain; charset=utf-8", Bytes::from(text.to_owned()))
+    typed(
+        status,
+        "text/plain; charset=utf-8",
+        Bytes::from(text.to_owned()),
+    )
 }
 
 fn typed(status: StatusCode, kind: &'static str, body: Bytes) -> Response<Full<Bytes>> {
@@ -142,6 +156,9 @@ fn typed(status: StatusCode, kind: &'static str, body: Bytes) -> Response<Full<B
     *response.status_mut() = status;
     let headers = response.headers_mut();
     headers.insert(CONTENT_TYPE, hyper::header::HeaderValue::from_static(kind));
-    headers.insert(CACHE_CONTROL, hyper::header::HeaderValue::from_static("no-store"));
+    headers.insert(
+        CACHE_CONTROL,
+        hyper::header::HeaderValue::from_static("no-store"),
+    );
     response
 }
