@@ -40,14 +40,21 @@ impl ObservedScene {
         let Some((layout, content)) = record.coverage.as_ref().zip(content) else {
             return Ok(None);
         };
-        let gaussians = content.gaussians.iter().flatten().map(|seen| ObservedGaussian {
-            instants: seen.instants,
-            directions: Directions(seen.directions),
-            finest_m: seen.finest_m,
-            color_error: seen.color_error,
-            depth_error: seen.depth_error,
-        });
-        let blocks = content.space.iter().map(|block| (block.index, block.voxels));
+        let gaussians = content
+            .gaussians
+            .iter()
+            .flatten()
+            .map(|seen| ObservedGaussian {
+                instants: seen.instants,
+                directions: Directions(seen.directions),
+                finest_m: seen.finest_m,
+                color_error: seen.color_error,
+                depth_error: seen.depth_error,
+            });
+        let blocks = content
+            .space
+            .iter()
+            .map(|block| (block.index, block.voxels));
         let space = ObservedSpace::from_blocks([layout.voxel_m, layout.range_m], blocks);
         let sky = ObservedSky::from_texels(layout.sky_texels, content.sky);
         let sky = sky.map_err(|error| damaged(error.to_string()))?;

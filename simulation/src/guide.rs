@@ -168,7 +168,8 @@ impl Guide {
                 break;
             }
         }
-        self.goal = farthest.map(|(_, goal_m)| DistanceField::new(&self.ground, &self.agent, goal_m));
+        self.goal =
+            farthest.map(|(_, goal_m)| DistanceField::new(&self.ground, &self.agent, goal_m));
     }
 }
 

@@ -24,17 +24,27 @@ mod world;
 
 pub use agent::{AgentConfig, AgentState, Block, BlockReason, Drive, Footing, Motion, advance};
 pub use alignment::{Alignment, AlignmentConfig, AlignmentModel, align_points, align_trajectories};
-pub use camera::{CameraBatch, CameraConfig, CameraSchedule, CameraView, Capture, DepthKind, ExposureConfig, FrameBuffers, FrameQueue, FrameRequest, Frames, NoiseConfig, NoiseKey, Quality, RenderReport, ShutterConfig, TimingConfig, pinhole, scaled_model};
-pub use confidence::{ObservedScene};
-pub use episode::{CameraConfig, CameraSchedule, CameraView, Capture, DepthKind, EndConfig, EndReason, ExposureConfig, FrameBuffers, FrameQueue, FrameRequest, Frames, NoiseConfig, NoiseKey, Quality, REWARD_TERMS, RandomizationConfig, RenderReport, RewardConfig, ShutterConfig, StartConfig, StartMode, Task, TaskConfig, TimingConfig, pinhole, pub use camera::{
-    CameraBatch, scaled_model};
-pub use error::{SimulationError};
-pub use geodesic::{DistanceField};
+pub use camera::{
+    CameraBatch, CameraConfig, CameraSchedule, CameraView, Capture, DepthKind, ExposureConfig,
+    FrameBuffers, FrameQueue, FrameRequest, Frames, NoiseConfig, NoiseKey, Quality, RenderReport,
+    ShutterConfig, TimingConfig, pinhole, scaled_model,
+};
+pub use confidence::ObservedScene;
+pub use episode::{
+    EndConfig, EndReason, REWARD_TERMS, RandomizationConfig, RewardConfig, StartConfig, StartMode,
+    Task, TaskConfig,
+};
+pub use error::SimulationError;
+pub use geodesic::DistanceField;
 pub use ground::{Cover, Ground, Surface};
-pub use guide::{Guide};
-pub use map_image::{MapImage};
+pub use guide::Guide;
+pub use map_image::MapImage;
 pub use randomness::{RandomStream, Stream};
 pub use reference_poses::{Deviation, DeviationConfig, ReferencePoses, SupportMap, SupportSample};
-pub use scene::{Area, BeogymConfig, BundleConfig, CrossingConfig, GaussianSource, GaussianStore, GraphConfig, Missing, Place, RecordedView, Recording, RecordingCamera, ResidencyConfig, SceneData, Sector, SectorEdge, SectorGaussians, Similarity};
-pub use snapshot::{MAX_SNAPSHOT_BYTES};
+pub use scene::{
+    Area, BeogymConfig, BundleConfig, CrossingConfig, GaussianSource, GaussianStore, GraphConfig,
+    Missing, Place, RecordedView, Recording, RecordingCamera, ResidencyConfig, SceneData, Sector,
+    SectorEdge, SectorGaussians, Similarity,
+};
+pub use snapshot::MAX_SNAPSHOT_BYTES;
 pub use world::{ObservationConfig, ObservationField, StepResult, World, WorldConfig, block_code};

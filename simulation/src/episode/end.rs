@@ -90,9 +90,24 @@ impl EndConfig {
         let positive = [f64::MIN_POSITIVE, 1e9];
         for (name, value, range, expected) in [
             ("end.time_limit_s", self.time_limit_s, positive, "above 0"),
-            ("end.max_deviation_m", self.max_deviation_m, positive, "above 0"),
-            ("end.max_deviation_rad", self.max_deviation_rad, positive, "above 0"),
-            ("end.min_support_db", self.min_support_db, [0.0, 200.0], "0 to 200"),
+            (
+                "end.max_deviation_m",
+                self.max_deviation_m,
+                positive,
+                "above 0",
+            ),
+            (
+                "end.max_deviation_rad",
+                self.max_deviation_rad,
+                positive,
+                "above 0",
+            ),
+            (
+                "end.min_support_db",
+                self.min_support_db,
+                [0.0, 200.0],
+                "0 to 200",
+            ),
             ("end.max_tilt_rad", self.max_tilt_rad, positive, "above 0"),
         ] {
             check_range(name, value, range, expected)?;
@@ -119,7 +134,11 @@ impl EndConfig {
 
     /// The reason of several that happened in one step: terminations first, then by precedence.
     pub(crate) fn choose(&self, has_happened: impl Fn(EndReason) -> bool) -> EndReason {
-        let happened = || EndReason::BY_PRECEDENCE.into_iter().filter(|r| has_happened(*r));
+        let happened = || {
+            EndReason::BY_PRECEDENCE
+                .into_iter()
+                .filter(|r| has_happened(*r))
+        };
         happened()
             .find(|reason| self.terminates(*reason))
             .or_else(|| happened().next())

@@ -115,7 +115,9 @@ impl Path {
     /// The piece that contains a length.
     fn piece(&self, along_m: f64) -> usize {
         let after = self.lengths_m.partition_point(|length| *length <= along_m);
-        after.saturating_sub(1).min(self.points_m.len().saturating_sub(2))
+        after
+            .saturating_sub(1)
+            .min(self.points_m.len().saturating_sub(2))
     }
 }
 

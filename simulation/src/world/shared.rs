@@ -48,10 +48,7 @@ pub(crate) struct Shared {
 impl Shared {
     /// # Errors
     /// [`SimulationError::Setting`]; [`SimulationError::Scene`] for a sector without ground.
-    pub(crate) fn new(
-        scene: Arc<SceneData>,
-        config: WorldConfig,
-    ) -> Result<Self, SimulationError> {
+    pub(crate) fn new(scene: Arc<SceneData>, config: WorldConfig) -> Result<Self, SimulationError> {
         config.check()?;
         let terrains = terrains(&scene, &config)?;
         let candidates = Candidates::new(&terrains, config.start.min_clearance_m);
@@ -118,11 +115,14 @@ impl Shared {
 fn terrains(scene: &SceneData, config: &WorldConfig) -> Result<Vec<Terrain>, SimulationError> {
     let mut terrains: Vec<Terrain> = Vec::new();
     for (number, sector) in scene.sectors.iter().enumerate() {
-        let levels = sector.levels.as_ref().ok_or_else(|| SimulationError::Scene {
-            place: format!("scene {}, sector {}", scene.name, sector.name),
-            found: "no maps".to_owned(),
-            expected: "output maps, on which agents walk".to_owned(),
-        })?;
+        let levels = sector
+            .levels
+            .as_ref()
+            .ok_or_else(|| SimulationError::Scene {
+                place: format!("scene {}, sector {}", scene.name, sector.name),
+                found: "no maps".to_owned(),
+                expected: "output maps, on which agents walk".to_owned(),
+            })?;
         let same_ground = (0..number).find(|&other| {
             let of_other = &scene.sectors[other].levels;
             of_other.as_ref().is_some_and(|of| Arc::ptr_eq(of, levels))
@@ -138,9 +138,8 @@ fn terrains(scene: &SceneData, config: &WorldConfig) -> Result<Vec<Terrain>, Sim
                 (Arc::new(ground), number as u32, component)
             }
         };
-        let same_references = (0..number).find(|&other| {
-            Arc::ptr_eq(&scene.sectors[other].references, &sector.references)
-        });
+        let same_references = (0..number)
+            .find(|&other| Arc::ptr_eq(&scene.sectors[other].references, &sector.references));
         let references = match same_references {
             Some(other) => terrains[other].references.clone(),
             None if sector.references.is_empty() => None,
@@ -150,9 +149,8 @@ fn terrains(scene: &SceneData, config: &WorldConfig) -> Result<Vec<Terrain>, Sim
                 Some(Arc::new(references))
             }
         };
-        let same_recording = (0..number).find(|&other| {
-            Arc::ptr_eq(&scene.sectors[other].recording, &sector.recording)
-        });
+        let same_recording = (0..number)
+            .find(|&other| Arc::ptr_eq(&scene.sectors[other].recording, &sector.recording));
         let path = match same_recording {
             Some(other) => terrains[other].path.clone(),
             None => Arc::new(recorded_path(sector, &ground, config)),
