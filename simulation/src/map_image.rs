@@ -15,7 +15,7 @@ const MARGIN_PX: f64 = 8.0;
 const GRAYS: [f64; 2] = [120.0, 225.0];
 const UNKNOWN_COLOR: Color = [255, 255, 255];
 const OBSTACLE_COLOR: Color = [138, 90, 60];
-const PATH_COLOR: Color = [0, 114, 178];
+const PATH_COLOR: Color = [40, 40, 40];
 
 /// An image of the ground.
 #[derive(Clone, Debug)]

@@ -16,6 +16,10 @@ use super::walk::{SIZE, Walk};
 /// Steps of the simulation between two images.
 const STEPS_PER_IMAGE: u32 = 2;
 
+/// What the map shows.
+const LEGEND: &str = "Map: free ground is gray by its height, obstacles are brown, unknown ground is \
+    white; the dark line is the recorded path, the blue one that of the agent.";
+
 #[derive(Args)]
 pub(crate) struct Arguments {
     /// The scene bundle.
@@ -62,7 +66,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode> {
         walk.ends(),
     );
     let film = SceneFilm {
-        summary,
+        summary: format!("{summary} {LEGEND}"),
         film: Film {
             step_s: f64::from(STEPS_PER_IMAGE) * walk.step_s(),
             size: SIZE,
@@ -81,7 +85,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode> {
     }
     print(format_args!(
         "{} {}",
-        film.summary,
+        summary,
         folder.join(layout::FILM).display()
     ))?;
     Ok(ExitCode::SUCCESS)
