@@ -55,11 +55,36 @@ impl StartConfig {
     pub(crate) fn check(&self) -> Result<(), SimulationError> {
         let pi = std::f64::consts::PI;
         for (name, value, range, expected) in [
-            ("start.max_offset_m", self.max_offset_m, [0.0, 1e6], "at least 0"),
-            ("start.max_offset_rad", self.max_offset_rad, [0.0, pi], "0 to π"),
-            ("start.min_clearance_m", self.min_clearance_m, [0.0, 1e6], "at least 0"),
-            ("start.min_support_db", self.min_support_db, [0.0, 200.0], "0 to 200"),
-            ("start.max_tries", self.max_tries as f64, [1.0, 1e6], "1 to 1000000"),
+            (
+                "start.max_offset_m",
+                self.max_offset_m,
+                [0.0, 1e6],
+                "at least 0",
+            ),
+            (
+                "start.max_offset_rad",
+                self.max_offset_rad,
+                [0.0, pi],
+                "0 to π",
+            ),
+            (
+                "start.min_clearance_m",
+                self.min_clearance_m,
+                [0.0, 1e6],
+                "at least 0",
+            ),
+            (
+                "start.min_support_db",
+                self.min_support_db,
+                [0.0, 200.0],
+                "0 to 200",
+            ),
+            (
+                "start.max_tries",
+                self.max_tries as f64,
+                [1.0, 1e6],
+                "1 to 1000000",
+            ),
         ] {
             check_range(name, value, range, expected)?;
         }
@@ -142,9 +167,8 @@ fn in_free_space(shared: &Shared, random: &RandomStream, first: u64) -> Proposal
     let cells = &shared.candidates.cells;
     let cell = &cells[random.below(first, cells.len())];
     let half_m = 0.5 * cell.edge_m;
-    let at_m = [0, 1].map(|k| {
-        cell.center_m[k] + random.range(first + 1 + k as u64, [-half_m, half_m])
-    });
+    let at_m =
+        [0, 1].map(|k| cell.center_m[k] + random.range(first + 1 + k as u64, [-half_m, half_m]));
     let yaw_rad = random.range(first + 3, shared.config.randomization.start_yaw_rad);
     (cell.sector, at_m, cell.height_m, yaw_rad)
 }

@@ -22,7 +22,9 @@ fn world(scene: &Arc<SceneData>, config: WorldConfig) -> World {
 fn restored_environments_go_on_with_the_same_bits() {
     let scenes = [room(), SyntheticScene::corridor_loop().unwrap().scene];
     for (number, scene) in scenes.iter().enumerate() {
-        for (t, task) in [Task::PointGoal, Task::FollowPath, Task::Velocity].into_iter().enumerate()
+        for (t, task) in [Task::PointGoal, Task::FollowPath, Task::Velocity]
+            .into_iter()
+            .enumerate()
         {
             let mut config = config(40, task);
             config.randomization.speed_scale = [0.7, 1.3];
@@ -44,7 +46,10 @@ fn restored_environments_go_on_with_the_same_bits() {
             // A world of another size with another seed, another index, another number of threads.
             config.environments = 70;
             config.seed = 999;
-            let pool = rayon::ThreadPoolBuilder::new().num_threads(3).build().unwrap();
+            let pool = rayon::ThreadPoolBuilder::new()
+                .num_threads(3)
+                .build()
+                .unwrap();
             pool.install(|| {
                 let mut other = world(scene, config);
                 let to = (random(key + 200) % 70) as usize;
@@ -73,7 +78,10 @@ fn environments_that_ended_stay_ended() {
     // One that was never reset is restored as such.
     let fresh = World::new(room(), config(1, Task::Velocity)).unwrap();
     other.restore(0, &fresh.save(0, &[]).unwrap()).unwrap();
-    assert!(matches!(other.step(&[0.0; 4]), Err(SimulationError::State(_))));
+    assert!(matches!(
+        other.step(&[0.0; 4]),
+        Err(SimulationError::State(_))
+    ));
 }
 
 #[test]
@@ -98,7 +106,10 @@ fn snapshots_of_others_are_refused_by_name() {
     old[MAGIC.len()] = 200;
     let error = here.restore(0, &old).unwrap_err();
     assert!(error.to_string().contains("version 200"), "{error}");
-    assert!(matches!(here.save(1, &[]), Err(SimulationError::Setting { .. })));
+    assert!(matches!(
+        here.save(1, &[]),
+        Err(SimulationError::Setting { .. })
+    ));
     let error = here.save(0, &[0; 4000]).unwrap_err();
     assert!(matches!(error, SimulationError::Budget { .. }), "{error}");
     assert!(bits(&here, 0) == before);
@@ -136,7 +147,10 @@ fn damaged_snapshots_are_refused() {
             continue;
         }
         let error = here.restore(0, &damaged).unwrap_err();
-        assert!(matches!(error, SimulationError::Snapshot { .. }), "{number}: {error}");
+        assert!(
+            matches!(error, SimulationError::Snapshot { .. }),
+            "{number}: {error}"
+        );
     }
     assert!(bits(&here, 0) == before);
     here.restore(0, &snapshot).unwrap();

@@ -184,9 +184,19 @@ pub(crate) fn step(shared: &Shared, row: &mut Row<'_>, action: &[f64]) {
     agent.max_speed_m_s *= row.episode.drawn.speed_scale;
     agent.max_yaw_rate_rad_s *= row.episode.drawn.yaw_rate_scale;
     let ground = &shared.terrains[*row.sector as usize].ground;
-    let motion = agent::advance(ground, &agent, config.drive, row.state, clipped, config.dt_s);
+    let motion = agent::advance(
+        ground,
+        &agent,
+        config.drive,
+        row.state,
+        clipped,
+        config.dt_s,
+    );
     *row.state = motion.state;
-    let block = motion.blocked.as_ref().map_or(0, |blocked| block_code(blocked.reason));
+    let block = motion
+        .blocked
+        .as_ref()
+        .map_or(0, |blocked| block_code(blocked.reason));
     *row.blocked = block;
     row.episode.steps += 1;
     row.episode.collisions += u32::from(motion.blocked.is_some());

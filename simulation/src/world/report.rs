@@ -60,5 +60,7 @@ pub(super) fn report_numbers(shared: &Shared, row: &mut Row<'_>) {
             config.task.command(episode.seed, episode.number, time_s)
         }
     };
-    shared.layout.write(&terrain.ground, state, target, row.observation);
+    shared
+        .layout
+        .write(&terrain.ground, state, target, row.observation);
 }

@@ -53,7 +53,9 @@ pub(crate) fn actions(world: &World) -> Vec<f64> {
 pub(crate) fn step_and_reset(world: &mut World) {
     let actions = actions(world);
     world.step(&actions).unwrap();
-    let ended: Vec<bool> = (0..world.environments()).map(|i| world.has_ended(i)).collect();
+    let ended: Vec<bool> = (0..world.environments())
+        .map(|i| world.has_ended(i))
+        .collect();
     if ended.contains(&true) {
         world.reset(Some(&ended), None).unwrap();
     }
@@ -64,7 +66,13 @@ pub(crate) fn bits(world: &World, environment: usize) -> Vec<u64> {
     let result = world.result();
     let state = &world.states()[environment];
     let mut bits: Vec<u64> = Vec::new();
-    bits.extend(state.position_m.iter().chain(&state.velocity).map(|v| v.to_bits()));
+    bits.extend(
+        state
+            .position_m
+            .iter()
+            .chain(&state.velocity)
+            .map(|v| v.to_bits()),
+    );
     bits.extend([state.yaw_rad, state.pitch_rad, state.roll_rad].map(f64::to_bits));
     bits.push(state.level as u64);
     bits.push(result.rewards[environment].to_bits());

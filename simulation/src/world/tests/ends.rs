@@ -50,7 +50,10 @@ fn scene() -> Arc<SceneData> {
         level.roughness[cell] = 0.0;
         level.traversability[cell] = 1.0;
         level.clearance[cell] = f32::INFINITY;
-        let from_unknown = (9.0 - x).max(x - 10.0).max(0.0).hypot((3.0 - y).max(y - 5.0).max(0.0));
+        let from_unknown = (9.0 - x)
+            .max(x - 10.0)
+            .max(0.0)
+            .hypot((3.0 - y).max(y - 5.0).max(0.0));
         let from_wall = (9.0 - x).max(x - 9.2).max(0.0).hypot((y - 2.0).max(0.0));
         level.distance[cell] = from_unknown.min(from_wall) as f32;
         level.views[cell] = 9;
@@ -82,9 +85,17 @@ fn provoke(scene: &Arc<SceneData>, reasons: &[EndReason], ends: EndConfig) -> Wo
     config.task.goal_distance_m = [2.1, 40.0];
     config.task.max_goal_height_m = 5.0;
     config.end = EndConfig {
-        time_limit_s: if happens(EndReason::TimeLimit) { 1.0 } else { 99.0 },
-        max_deviation_m: if happens(EndReason::Deviation) { 1.5 } else { 99.0 },
-        max_tilt_rad: if happens(EndReason::Fall) { 0.1 } else { 0.7 },
+        time_limit_s: if happens(EndReason::TimeLimit) {
+            1.0
+        } else {
+            99.0
+        },
+        max_deviation_m: if happens(EndReason::Deviation) {
+            1.5
+        } else {
+            99.0
+        },
+        max_tilt_rad: if happens(EndReason::Fall) { 0.05 } else { 0.7 },
         collision_ends: true,
         ..ends
     };
@@ -131,12 +142,20 @@ fn check(scene: &Arc<SceneData>, reasons: &[EndReason], ends: EndConfig) {
     let mut world = provoke(scene, reasons, ends);
     world.step(&[1.0, 0.0]).unwrap();
     let terminates = |reason: &EndReason| world.config().end.terminates(*reason);
-    let ordered = || EndReason::BY_PRECEDENCE.into_iter().filter(|r| reasons.contains(r));
+    let ordered = || {
+        EndReason::BY_PRECEDENCE
+            .into_iter()
+            .filter(|r| reasons.contains(r))
+    };
     let expected = ordered().find(terminates).or(ordered().next());
     let expected = expected.unwrap_or(EndReason::None);
     let result = world.result();
     let found = EndReason::from_code(result.end_reasons[0]).unwrap();
-    assert_eq!(found, expected, "{reasons:?}, blocked {}", result.blocked[0]);
+    assert_eq!(
+        found, expected,
+        "{reasons:?}, blocked {}",
+        result.blocked[0]
+    );
     let is_terminated = terminates(&expected);
     assert_eq!(result.terminated[0], is_terminated, "{reasons:?}");
     let is_truncated = expected != EndReason::None && !is_terminated;
@@ -216,7 +235,10 @@ fn blocks_that_end_nothing_stop_the_agent() {
 fn agents_are_placed_where_there_is_something() {
     let mut world = World::new(room(), config(1, Task::Velocity)).unwrap();
     let state = AgentState::default();
-    assert!(matches!(world.place(0, 0, &state), Err(SimulationError::State(_))));
+    assert!(matches!(
+        world.place(0, 0, &state),
+        Err(SimulationError::State(_))
+    ));
     world.reset(None, None).unwrap();
     let above = AgentState { level: 9, ..state };
     for error in [

@@ -62,7 +62,11 @@ fn streams_are_independent() {
         (4, draws(late, nothing)),
     ] {
         for stream in 0..5 {
-            assert_eq!(found[stream] == expected[stream], stream != changed, "{changed} {stream}");
+            assert_eq!(
+                found[stream] == expected[stream],
+                stream != changed,
+                "{changed} {stream}"
+            );
         }
     }
     // Whether a start is near enough to recorded cameras depends on its yaw: without that limit.
@@ -83,11 +87,15 @@ fn draws_fill_their_ranges() {
         mount_m: 0.02,
         ..RandomizationConfig::default()
     };
-    let drawn: Vec<_> = (0..2000).map(|number| randomization.draw(1, number)).collect();
+    let drawn: Vec<_> = (0..2000)
+        .map(|number| randomization.draw(1, number))
+        .collect();
     let range = |of: &dyn Fn(usize) -> f64| {
-        (0..2000).map(of).fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], v| {
-            [low.min(v), high.max(v)]
-        })
+        (0..2000)
+            .map(of)
+            .fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], v| {
+                [low.min(v), high.max(v)]
+            })
     };
     for ([low, high], expected) in [
         (range(&|i| drawn[i].speed_scale), [0.8, 1.2]),

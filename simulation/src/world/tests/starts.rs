@@ -37,11 +37,17 @@ fn draw(scene: &Arc<SceneData>, config: WorldConfig, resets: usize) -> Vec<[f64;
             let level = level(scene, sector, state.level);
             let cell = level.grid.cell([x, y]).expect("in the map");
             assert_eq!(level.occupancy[cell], FREE);
-            assert!((f64::from(level.elevation[cell]) - z).abs() < 0.03, "on the ground");
+            assert!(
+                (f64::from(level.elevation[cell]) - z).abs() <= config.agent.max_residual_m,
+                "on the ground"
+            );
             assert!(state.is_on_ground && state.velocity == [0.0; 3]);
             // Exact up to the half diagonal of the cell, in which the distance is interpolated.
             let distance = f64::from(level.distance[cell]);
-            assert!(distance > config.start.min_clearance_m - 0.03, "clearance {distance}");
+            assert!(
+                distance > config.start.min_clearance_m - 0.03,
+                "clearance {distance}"
+            );
             let result = world.result();
             assert!(f64::from(result.deviation_m[i]) <= config.end.max_deviation_m);
             assert!(f64::from(result.support_db[i]) >= config.start.min_support_db - 1e-4);
@@ -96,7 +102,10 @@ fn starts_in_free_space_are_uniform_by_area() {
     // Squares of 0.5 m with their area of enough clearance, by a fine raster of the exact room.
     let is_clear = |x: f64, y: f64| {
         let walls = [x - 0.16, 7.84 - x, y - 0.16, 5.84 - y];
-        let from_box = (3.52 - x).max(x - 4.52).max(0.0).hypot((2.52 - y).max(y - 3.52).max(0.0));
+        let from_box = (3.52 - x)
+            .max(x - 4.52)
+            .max(0.0)
+            .hypot((2.52 - y).max(y - 3.52).max(0.0));
         walls.into_iter().fold(from_box, f64::min) >= clearance_m
     };
     let (columns, rows) = (16, 12);
@@ -127,7 +136,10 @@ fn starts_in_free_space_are_uniform_by_area() {
     // Normal approximation: 4 standard deviations, and 0.5 % for the border of the map's cells.
     assert!(degrees > 60.0);
     let limit = degrees + 4.0 * (2.0 * degrees as f64).sqrt() + 0.005_f64.powi(2) * 2e4;
-    assert!(chi_square < limit, "{chi_square} with {degrees} degrees of freedom");
+    assert!(
+        chi_square < limit,
+        "{chi_square} with {degrees} degrees of freedom"
+    );
 }
 
 #[test]
@@ -141,7 +153,10 @@ fn what_excluded_all_starts_is_named() {
         world.reset(None, None).unwrap_err()
     };
     let found = error(|config| config.start.min_clearance_m = 4.0);
-    assert!(matches!(found, SimulationError::Start { tries: 0, .. }), "{found}");
+    assert!(
+        matches!(found, SimulationError::Start { tries: 0, .. }),
+        "{found}"
+    );
     let found = error(|config| {
         config.start.mode = StartMode::Recorded;
         config.end.max_deviation_m = 1e-9;

@@ -24,16 +24,25 @@ fn threads_and_batches_change_no_bit() {
         let mut world = World::new(scene.clone(), config(all, task)).unwrap();
         let expected = history(&mut world, 150);
         for threads in [1, 2, 4] {
-            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            let pool = rayon::ThreadPoolBuilder::new()
+                .num_threads(threads)
+                .build()
+                .unwrap();
             let mut world = World::new(scene.clone(), config(all, task)).unwrap();
-            assert!(pool.install(|| history(&mut world, 150)) == expected, "{threads} threads");
+            assert!(
+                pool.install(|| history(&mut world, 150)) == expected,
+                "{threads} threads"
+            );
         }
         for environment in [0, 31, 69] {
             let mut alone = config(1, task);
             alone.seed += environment as u64;
             let mut world = World::new(scene.clone(), alone).unwrap();
             let found = history(&mut world, 150);
-            let same = found.iter().zip(&expected).all(|(a, b)| a[0] == b[environment]);
+            let same = found
+                .iter()
+                .zip(&expected)
+                .all(|(a, b)| a[0] == b[environment]);
             assert!(same, "{task:?}, environment {environment} alone");
         }
     }
@@ -51,7 +60,13 @@ fn episodes_end_and_are_worth_their_terms() {
             let (result, config) = (world.result(), world.config());
             for i in 0..40 {
                 let terms = &result.reward_terms[i];
-                let sum: f64 = config.reward.weights().iter().zip(terms).map(|(w, t)| w * t).sum();
+                let sum: f64 = config
+                    .reward
+                    .weights()
+                    .iter()
+                    .zip(terms)
+                    .map(|(w, t)| w * t)
+                    .sum();
                 assert!((result.rewards[i] - sum).abs() < 1e-9);
                 let is_end = result.end_reasons[i] != 0;
                 assert_eq!(is_end, result.terminated[i] != result.truncated[i]);
@@ -71,11 +86,19 @@ fn observations_are_within_their_bounds() {
         let mut world = World::new(room(), config(30, task)).unwrap();
         world.reset(None, None).unwrap();
         let names: Vec<_> = world.observation_fields().iter().map(|f| f.name).collect();
-        let first = if task == Task::Velocity { "command" } else { "goal" };
+        let first = if task == Task::Velocity {
+            "command"
+        } else {
+            "goal"
+        };
         assert_eq!(names, [first, "velocity", "attitude", "heights", "rays"]);
         for _ in 0..200 {
             let (low, high) = world.observation_bounds();
-            assert!(low.iter().zip(high).all(|(l, h)| l.is_finite() && h.is_finite() && l < h));
+            assert!(
+                low.iter()
+                    .zip(high)
+                    .all(|(l, h)| l.is_finite() && h.is_finite() && l < h)
+            );
             for observation in world.observations().chunks(low.len()) {
                 for ((value, low), high) in observation.iter().zip(low).zip(high) {
                     assert!((low..=high).contains(&value), "{value}");
@@ -88,7 +111,10 @@ fn observations_are_within_their_bounds() {
 
 /// Values of a named part of the observation of the first environment.
 fn observed(world: &World, name: &str) -> Vec<f32> {
-    let field = world.observation_fields().iter().find(|field| field.name == name);
+    let field = world
+        .observation_fields()
+        .iter()
+        .find(|field| field.name == name);
     world.observations()[field.unwrap().elements.clone()].to_vec()
 }
 
@@ -118,7 +144,10 @@ fn rays_and_heights_see_the_room() {
 fn bad_actions_move_nothing() {
     let mut world = World::new(room(), config(3, Task::Velocity)).unwrap();
     let error = world.step(&[0.0; 6]).unwrap_err();
-    assert!(matches!(&error, SimulationError::State(text) if text.contains("reset")), "{error}");
+    assert!(
+        matches!(&error, SimulationError::State(text) if text.contains("reset")),
+        "{error}"
+    );
     world.reset(None, None).unwrap();
     world.step(&[0.5; 6]).unwrap();
     let before: Vec<_> = (0..3).map(|i| bits(&world, i)).collect();
@@ -147,7 +176,10 @@ fn actions_beyond_one_are_clipped_and_counted() {
         world.step(&[scale, -scale]).unwrap();
         world
     });
-    assert_eq!(worlds.each_ref().map(|world| world.result().clipped[0]), [0, 2]);
+    assert_eq!(
+        worlds.each_ref().map(|world| world.result().clipped[0]),
+        [0, 2]
+    );
     assert_eq!(worlds[0].states(), worlds[1].states());
     worlds[1].step(&[-1.0001, 0.3]).unwrap();
     assert_eq!(worlds[1].result().clipped[0], 3);
@@ -197,7 +229,10 @@ fn settings_out_of_range_are_named() {
         ("end.time_limit_s", with(|c| c.end.time_limit_s = 0.0)),
         ("start.max_tries", with(|c| c.start.max_tries = 0)),
         ("end.min_support_db", with(|c| c.end.min_support_db = 10.0)),
-        ("randomization.latency_s", with(|c| c.randomization.latency_s = [0.3, 0.1])),
+        (
+            "randomization.latency_s",
+            with(|c| c.randomization.latency_s = [0.3, 0.1]),
+        ),
         ("reward.goal", with(|c| c.reward.goal = f64::INFINITY)),
         ("observation.rays", with(|c| c.observation.rays = 1000)),
     ] {
@@ -261,7 +296,11 @@ fn sectors_are_crossed_around_the_corridor() {
         sectors.insert(sector);
         let [x, y, _] = pose.translation_m();
         let yaw = world.states()[0].yaw_rad;
-        let heading = if x > 11.0 - 0.05 { std::f64::consts::FRAC_PI_2 } else { 0.3 * (1.0 - y) };
+        let heading = if x > 11.0 - 0.05 {
+            std::f64::consts::FRAC_PI_2
+        } else {
+            0.3 * (1.0 - y)
+        };
         let turn = (2.0 * (heading - yaw)).clamp(-1.0, 1.0);
         let speed = if turn.abs() > 0.5 { 0.0 } else { 0.7 };
         world.step(&[speed, turn]).unwrap();
