@@ -8,7 +8,7 @@ use estimator_config::config;
 
 use crate::SimulationError;
 use crate::error::check_range;
-use crate::reference_poses::Deviation;
+use crate::reference_poses::{Deviation, DeviationConfig};
 
 /// Why an episode ended. Codes below 10 terminate, others truncate, unless [`EndConfig`] says that
 /// one of them terminates.
@@ -122,6 +122,22 @@ impl EndConfig {
             EndReason::LeftMap => self.left_map_terminates,
             EndReason::UnknownGround => self.unknown_ground_terminates,
             _ => false,
+        }
+    }
+
+    /// The limits as units of distance and angle: the recorded camera of least sum of squares in
+    /// them counts. Without a limit of the angle that is the nearest one, and of those at about
+    /// the same position the one that looks in the same direction.
+    pub(crate) fn units(&self) -> DeviationConfig {
+        /// Distance that a rad counts as, m: cameras of a rig are apart by this.
+        const NEARBY_M: f64 = 0.05;
+        let angle_rad = match self.max_deviation_rad < std::f64::consts::PI {
+            true => self.max_deviation_rad,
+            false => self.max_deviation_m / NEARBY_M,
+        };
+        DeviationConfig {
+            distance_m: self.max_deviation_m,
+            angle_rad,
         }
     }
 

@@ -25,7 +25,7 @@ pub struct WorldConfig {
     pub agent: AgentConfig,
     /// The camera on the body. `None` is at eye height above the agent, level, facing forward.
     pub body_from_camera: Option<RigidTransform>,
-    /// Which recorded camera is near.
+    /// Which recorded camera supports a view.
     pub deviation: DeviationConfig,
     /// Predicted PSNR of views. `None` where it was not fitted.
     pub support: Option<SupportMap>,
@@ -120,6 +120,7 @@ impl WorldConfig {
                 });
             }
         }
+        self.deviation.check()?;
         self.start.check()?;
         self.end.check()?;
         self.task.check()?;

@@ -12,7 +12,7 @@ use crate::episode::path::Path;
 use crate::episode::start::candidates::Candidates;
 use crate::episode::task::goals::Goal;
 use crate::ground::{Cover, Ground};
-use crate::reference_poses::{Deviation, ReferencePoses};
+use crate::reference_poses::{Deviation, DeviationConfig, ReferencePoses};
 use crate::scene::{Area, Place, SceneData, Sector};
 
 /// A sector, as agents on the ground use it.
@@ -40,6 +40,8 @@ pub(crate) struct Shared {
     /// Camera on the body without errors of its mount.
     pub(crate) mount: RigidTransform,
     pub(crate) max_steps: u64,
+    /// Which recorded camera counts for the limits of the deviation.
+    pub(crate) limits: DeviationConfig,
     pub(crate) config_hash: [u8; 32],
     /// Goals of the task; drawn at the first reset, which may start threads.
     pub(crate) goals: Vec<Goal>,
@@ -56,6 +58,7 @@ impl Shared {
             layout: Layout::new(&config),
             mount: config.nominal_mount(),
             max_steps: config.max_steps(),
+            limits: config.end.units(),
             config_hash: config.hash(),
             goals: Vec::new(),
             scene,
@@ -65,7 +68,7 @@ impl Shared {
         })
     }
 
-    /// Deviation of a camera from recorded ones, and the PSNR predicted from it; 0 dB without a
+    /// Deviation of a camera from recorded ones as its limits count it, and the PSNR predicted from it; 0 dB without a
     /// support map.
     pub(crate) fn deviation(
         &self,
@@ -75,11 +78,11 @@ impl Shared {
         let Some(references) = &self.terrains[sector as usize].references else {
             return (None, 0.0);
         };
-        let deviation = references.nearest(world_from_camera);
-        let support_db = match &self.config.support {
-            Some(support) => support.support_db(&deviation).max(0.0),
-            None => 0.0,
-        };
+        let deviation = references.nearest_by(world_from_camera, &self.limits);
+        let support_db = self.config.support.as_ref().map_or(0.0, |support| {
+            let nearest = references.nearest_by(world_from_camera, &self.config.deviation);
+            support.support_db(&nearest).max(0.0)
+        });
         (Some(deviation), support_db)
     }
 
@@ -145,7 +148,7 @@ fn terrains(scene: &SceneData, config: &WorldConfig) -> Result<Vec<Terrain>, Sim
             None if sector.references.is_empty() => None,
             None => {
                 let poses = sector.references.to_vec();
-                let references = ReferencePoses::with_config(poses, config.deviation)?;
+                let references = ReferencePoses::new(poses)?;
                 Some(Arc::new(references))
             }
         };

@@ -95,7 +95,7 @@ fn provoke(scene: &Arc<SceneData>, reasons: &[EndReason], ends: EndConfig) -> Wo
         } else {
             99.0
         },
-        max_tilt_rad: if happens(EndReason::Fall) { 0.1 } else { 0.7 },
+        max_tilt_rad: if happens(EndReason::Fall) { 0.05 } else { 0.7 },
         collision_ends: true,
         ..ends
     };

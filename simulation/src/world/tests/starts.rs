@@ -38,7 +38,7 @@ fn draw(scene: &Arc<SceneData>, config: WorldConfig, resets: usize) -> Vec<[f64;
             let cell = level.grid.cell([x, y]).expect("in the map");
             assert_eq!(level.occupancy[cell], FREE);
             assert!(
-                (f64::from(level.elevation[cell]) - z).abs() < 0.03,
+                (f64::from(level.elevation[cell]) - z).abs() <= config.agent.max_residual_m,
                 "on the ground"
             );
             assert!(state.is_on_ground && state.velocity == [0.0; 3]);
