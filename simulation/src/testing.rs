@@ -4,7 +4,7 @@
 //! From them come the walkable levels, a recorded walk and Gaussians that cover all surfaces. A
 //! scene is made in memory, in a second at most.
 
-mod levels;
+pub(crate) mod levels;
 mod surfaces;
 mod walk;
 
@@ -22,6 +22,8 @@ use crate::scene::{Area, GaussianSource, SceneData, Sector, SectorEdge, Similari
 pub const CELL_M: f64 = 0.04;
 /// Distance of the Gaussians on surfaces, m.
 const SPACING_M: f64 = 0.06;
+/// How far maps of the corridor reach beyond the area of their sector, m: 25 cells.
+const MAP_MARGIN_M: f64 = 1.0;
 /// Color behind everything.
 const SKY: [f32; 3] = [0.55, 0.7, 0.9];
 /// Height of walls, m.
@@ -229,7 +231,11 @@ impl SyntheticScene {
         let (mut sectors, mut surfaces) = (Vec::new(), Vec::new());
         for (side, side_from_world) in frames.iter().enumerate() {
             let here = world.carried(side_from_world);
-            let (min, max) = ([-t, -t], [size + t, width + t]);
+            // Maps reach beyond the area: agents at the border stand on the ground of one sector.
+            let (min, max) = (
+                [-MAP_MARGIN_M; 2],
+                [size + MAP_MARGIN_M, width + MAP_MARGIN_M],
+            );
             let z = side_from_world.translation_m()[2];
             let walk = [[0.5, 0.5 * width, z], [size - 0.5, 0.5 * width, z]];
             let splats = world.gaussians(SPACING_M, &side_from_world.rigid())?;

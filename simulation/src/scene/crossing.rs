@@ -114,3 +114,6 @@ impl SceneData {
         best
     }
 }
+
+#[cfg(test)]
+mod tests;
