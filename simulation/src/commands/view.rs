@@ -21,10 +21,10 @@ pub(crate) struct Arguments {
     /// The scene bundle.
     scene: PathBuf,
     /// Port on 127.0.0.1; 0 takes a free one.
-    #[arg(long, default_value_t = 8660)]
+    #[arg(long, value_name = "N", default_value_t = 8660)]
     port: u16,
     /// Seed of starts and goals.
-    #[arg(long, default_value_t = 0)]
+    #[arg(long, value_name = "N", default_value_t = 0)]
     seed: u64,
 }
 
