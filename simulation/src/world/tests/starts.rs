@@ -135,7 +135,7 @@ fn starts_in_free_space_are_uniform_by_area() {
     }
     // Normal approximation: 4 standard deviations, and 0.5 % for the border of the map's cells.
     assert!(degrees > 60.0);
-    let limit = degrees + 4.0 * (2.0 * degrees).sqrt() + 0.005_f64.powi(2) * 2e4;
+    let limit = degrees + 4.0 * (2.0_f64 * degrees).sqrt() + 0.005_f64.powi(2) * 2e4;
     assert!(
         chi_square < limit,
         "{chi_square} with {degrees} degrees of freedom"
