@@ -4,11 +4,11 @@
 //! dropping nothing however busy it is; `paws` imports, validates, indexes and hands over the
 //! session; `paws-reconstruct` reads every frame back and estimates the trajectory of the rig,
 //! which is compared with the simulated ground truth, a point cloud and a scene of Gaussians of a
-//! short training; `paws-sim` lets an agent walk through that scene; all is shown on a page. Each stage is the program a user would start, with the
-//! command line shown. A stage that fails ends the demo with the last lines it printed and the path
-//! of its whole output; one that finished with loss, or a verdict of FAIL, is marked, the demo goes
-//! on and ends as finished with loss. Nothing is written outside the demo's folder and the target
-//! folder.
+//! short training; `paws-sim` lets an agent walk through that scene; all is shown on a page. Each
+//! stage is the program a user would start, with the command line shown. A stage that fails ends
+//! the demo with the last lines it printed and the path of its whole output; one that finished with
+//! loss, or a verdict of FAIL, is marked, the demo goes on and ends as finished with loss. Nothing
+//! is written outside the demo's folder and the target folder.
 
 mod cameras;
 

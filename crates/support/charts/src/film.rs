@@ -1,4 +1,5 @@
-//! A film in a page: images at equal steps of time, beside a map with a marker where each was taken.
+//! A film in a page: images at equal steps of time, beside a map with a marker where each was
+//! taken.
 //!
 //! Contract: it plays without a network; where scripts are not allowed the first image and the map
 //! are shown. With `prefers-reduced-motion` it does not start by itself.
@@ -54,11 +55,10 @@ impl Film {
     /// ```
     /// use charts::{Film, FilmFrame, Page, inspect};
     ///
-    /// let frame = FilmFrame { jpeg_base64: "/9g=".into(), caption: "start".into(), ..FilmFrame::default() };
-    /// let film = Film { step_s: 0.1, size: [320, 180], frames: vec![frame], map: None };
-    /// let page = Page::new("A walk").embed(&film.to_html("an agent")).to_html();
-    /// assert!(page.contains("start"));
-    /// assert_eq!(inspect(&page), Ok(()));
+    /// let frame = FilmFrame { jpeg_base64: "/9g=".into(), caption: "start".into(),
+    /// ..FilmFrame::default() }; let film = Film { step_s: 0.1, size: [320, 180], frames:
+    /// vec![frame], map: None }; let page = Page::new("A walk").embed(&film.to_html("an
+    /// agent")).to_html(); assert!(page.contains("start")); assert_eq!(inspect(&page), Ok(()));
     /// ```
     pub fn to_html(&self, name: &str) -> String {
         let Some(first) = self.frames.first() else {
