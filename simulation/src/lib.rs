@@ -27,7 +27,7 @@ pub use alignment::{Alignment, AlignmentConfig, AlignmentModel, align_points, al
 pub use camera::{
     CameraBatch, CameraConfig, CameraSchedule, CameraView, Capture, DepthKind, ExposureConfig,
     FrameBuffers, FrameQueue, FrameRequest, Frames, NoiseConfig, NoiseKey, Quality, RenderReport,
-    ShutterConfig, TimingConfig, pinhole, scaled_model,
+    ShutterConfig, TimingConfig, pinhole, scaled_model, support_samples,
 };
 pub use confidence::ObservedScene;
 pub use episode::{
