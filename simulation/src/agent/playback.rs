@@ -9,6 +9,9 @@ use scene_bundle::{Pose, Status, Trajectory};
 use super::{AgentConfig, AgentState};
 use crate::ground::Ground;
 
+#[cfg(test)]
+mod tests;
+
 /// Half of the time over which velocities are measured where the trajectory has none, ns.
 const VELOCITY_SPAN_NS: i64 = 50_000_000;
 
