@@ -6,7 +6,7 @@ use super::*;
 use crate::agent::{AgentConfig, AgentState, BlockReason, Drive, Motion, advance};
 use crate::ground::Ground;
 use crate::scene::Similarity;
-use crate::testing::{CELL_M, SyntheticScene, levels};
+use crate::testing::{self, CELL_M, SyntheticScene, levels};
 
 /// Goals of the exam.
 const MAX_POSITION_M: f64 = 0.01;
@@ -23,7 +23,7 @@ struct Loop {
 
 impl Loop {
     fn new(config: AgentConfig) -> Self {
-        let scene = SyntheticScene::corridor_loop().unwrap();
+        let scene = testing::corridor().clone();
         let ground = |levels: &[_]| Ground::new(levels.to_vec(), &config).unwrap();
         let sectors = &scene.scene.sectors;
         let grounds = sectors
@@ -218,7 +218,7 @@ fn a_lap_ends_where_it_began() {
 
 #[test]
 fn agents_on_the_border_do_not_flicker() {
-    let scene = SyntheticScene::corridor_loop().unwrap().scene;
+    let scene = testing::corridor().scene.clone();
     let (mut place, mut changes) = (at(0, 11.0, 1.0), 0);
     for step in 0..1000 {
         // Five centimetres along the normal to either side: less than the hysteresis.
@@ -250,7 +250,7 @@ fn at(sector: usize, x: f64, y: f64) -> Place {
 
 #[test]
 fn weights_of_a_fade_are_complements() {
-    let scene = SyntheticScene::corridor_loop().unwrap().scene;
+    let scene = testing::corridor().scene.clone();
     let edge = &scene.sectors[0].edges[0];
     for step in -60..60 {
         let along = 0.01 * f64::from(step) * std::f64::consts::FRAC_1_SQRT_2;

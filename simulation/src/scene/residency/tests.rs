@@ -1,10 +1,10 @@
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use super::*;
-use crate::testing::SyntheticScene;
+use crate::testing::{self, SyntheticScene};
 
 fn corridor() -> Arc<SceneData> {
-    SyntheticScene::corridor_loop().unwrap().scene
+    testing::corridor().scene.clone()
 }
 
 /// A budget for a number of sectors.
