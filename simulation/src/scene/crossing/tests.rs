@@ -1,6 +1,9 @@
 //! Exam 6.6, the part without images: poses and collisions over the edges of a loop of sectors.
 
 use std::f64::consts::{PI, TAU};
+use std::sync::OnceLock;
+
+use scene_bundle::outputs::maps::MapLevel;
 
 use super::*;
 use crate::agent::{AgentConfig, AgentState, BlockReason, Drive, Motion, advance};
@@ -29,7 +32,9 @@ impl Loop {
         let grounds = sectors
             .iter()
             .map(|sector| ground(sector.levels.as_ref().unwrap()));
-        let whole = levels::levels(&scene.surfaces[0], [-1.0; 2], [13.0; 2], CELL_M);
+        static WHOLE: OnceLock<Vec<MapLevel>> = OnceLock::new();
+        let whole =
+            WHOLE.get_or_init(|| levels::levels(&scene.surfaces[0], [-1.0; 2], [13.0; 2], CELL_M));
         // Once around, edge by edge.
         let mut first_from = vec![Similarity::identity()];
         for side in 0..3 {
@@ -42,7 +47,7 @@ impl Loop {
         }
         Self {
             grounds: grounds.collect(),
-            whole: ground(&whole),
+            whole: ground(whole),
             scene,
             first_from,
             config,
