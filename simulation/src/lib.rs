@@ -13,7 +13,10 @@ mod ground;
 mod scene;
 pub mod testing;
 
-pub use agent::{AgentConfig, AgentState, Block, BlockReason, Drive, Footing, Motion, advance};
+pub use agent::{
+    AgentConfig, AgentState, Block, BlockReason, Drive, Footing, Motion, Playback, Recorded,
+    advance,
+};
 pub use alignment::{Alignment, AlignmentConfig, AlignmentModel, align_points, align_trajectories};
 pub use error::SimulationError;
 pub use geodesic::DistanceField;

@@ -57,7 +57,7 @@ pub(super) struct Arc {
     /// Path in the frame of the body, m, as if it did not turn.
     straight_m: [f64; 2],
     /// Change of heading, rad.
-    turn_rad: f64,
+    pub(super) turn_rad: f64,
     /// Length of the path, m.
     pub(super) length_m: f64,
 }

@@ -7,10 +7,10 @@ use scene_bundle::outputs::maps::{FREE, KNOWN, MapLevel, OCCUPIED};
 use super::*;
 use crate::testing::SyntheticScene;
 
-const CELL_M: f64 = 0.05;
+pub(super) const CELL_M: f64 = 0.05;
 
 /// A square of level ground around the origin.
-fn flat(half_m: f64) -> MapLevel {
+pub(super) fn flat(half_m: f64) -> MapLevel {
     let count = (2.0 * half_m / CELL_M) as usize;
     let mut level = MapLevel::unknown(Grid {
         cell_m: CELL_M,
@@ -25,7 +25,7 @@ fn flat(half_m: f64) -> MapLevel {
     level
 }
 
-fn set(level: &mut MapLevel, cell: usize, height_m: f32) {
+pub(super) fn set(level: &mut MapLevel, cell: usize, height_m: f32) {
     level.elevation[cell] = height_m;
     level.occupancy[cell] = FREE;
     level.flags[cell] = KNOWN;
@@ -35,7 +35,7 @@ fn set(level: &mut MapLevel, cell: usize, height_m: f32) {
 }
 
 /// Changes cells with centers where `is_in` holds.
-fn change(
+pub(super) fn change(
     level: &mut MapLevel,
     is_in: impl Fn([f64; 2]) -> bool,
     to: impl Fn(&mut MapLevel, usize),
@@ -47,7 +47,7 @@ fn change(
     }
 }
 
-fn ground(level: MapLevel, config: &AgentConfig) -> Ground {
+pub(super) fn ground(level: MapLevel, config: &AgentConfig) -> Ground {
     Ground::new(vec![level], config).expect("ground")
 }
 

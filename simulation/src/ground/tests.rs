@@ -1,6 +1,7 @@
 //! Heights across edges, and paths around obstacles.
 
 use counter_random::uniform;
+use scene_bundle::outputs::maps::MapLevel;
 
 use super::*;
 use crate::geodesic::DistanceField;
@@ -64,6 +65,117 @@ fn paths_around_a_corner_are_as_long_as_taut_strings() {
         assert!(found > 0.995 * expected, "{found} {expected}");
     }
     assert!(worst <= 0.005 && detours > 5, "{worst} {detours}");
+}
+
+#[test]
+fn paths_between_many_obstacles_are_as_long_as_taut_strings() {
+    let scene = SyntheticScene::tilted_plane([0.0, 0.0]).expect("a scene");
+    let levels = scene.scene.sectors[0].levels.as_ref().expect("levels");
+    let agent = AgentConfig::default();
+    let (mut worst, mut detours) = (0.0_f64, 0);
+    for seed in 0..4 {
+        let mut levels = levels.to_vec();
+        for k in 0..7 {
+            let center = [0, 1].map(|axis| 1.0 + 4.0 * uniform(seed, axis, k));
+            let half = [2, 3].map(|axis| 0.05 + 0.5 * uniform(seed, axis, k));
+            for cell in 0..levels[0].grid.cells() {
+                let at = levels[0].grid.center_m(cell);
+                if (0..2).all(|k| (at[k] - center[k]).abs() < half[k]) {
+                    levels[0].occupancy[cell] = scene_bundle::outputs::maps::OCCUPIED;
+                }
+            }
+        }
+        let ground = Ground::new(levels, &agent).expect("ground");
+        let grid = ground.levels()[0].grid;
+        let free: Vec<[f64; 2]> = (0..grid.cells())
+            .map(|cell| grid.center_m(cell))
+            .filter(|at| ground.block(*at, 0).is_none())
+            .collect();
+        let goal = free[free.len() / 9];
+        let field = DistanceField::new(&ground, &agent, [goal[0], goal[1], 0.0]);
+        let graph = VisibilityGraph::new(&ground, goal);
+        for k in 0..60 {
+            let at = free[(uniform(seed, 9, k) * free.len() as f64) as usize];
+            let expected = graph.distance_m(at);
+            let found = field.distance_m([at[0], at[1], 0.0]);
+            if ground.component(at, 0) != ground.component(goal, 0) {
+                assert_eq!(found, None);
+                continue;
+            }
+            let found = found.expect("a path");
+            let direct = length(at, goal);
+            if direct < 1.0 {
+                continue;
+            }
+            detours += usize::from(expected > 1.02 * direct);
+            worst = worst.max((found - expected) / expected);
+            assert!(found > 0.995 * expected, "{found} {expected}");
+        }
+    }
+    assert!(worst <= 0.005 && detours > 20, "{worst} {detours}");
+}
+
+/// Level ground of 6 m with a hole of some cells from 2 m, 2 m on.
+fn with_hole(size: [usize; 2], change: impl Fn(&mut MapLevel, usize)) -> Ground {
+    let scene = SyntheticScene::tilted_plane([0.1, 0.0]).expect("a scene");
+    let mut levels = scene.scene.sectors[0]
+        .levels
+        .as_ref()
+        .expect("levels")
+        .to_vec();
+    let grid = levels[0].grid;
+    let first = grid.cell([2.0, 2.0]).expect("a cell");
+    for row in 0..size[1] {
+        for column in 0..size[0] {
+            change(&mut levels[0], first + row * grid.columns + column);
+        }
+    }
+    Ground::new(levels, &AgentConfig::default()).expect("ground")
+}
+
+fn forget(level: &mut MapLevel, cell: usize) {
+    level.occupancy[cell] = scene_bundle::outputs::maps::UNKNOWN;
+    level.flags[cell] = 0;
+    level.elevation[cell] = f32::NAN;
+}
+
+#[test]
+fn small_holes_are_bridged_by_the_plane_of_their_rim_and_marked() {
+    let whole = with_hole([0, 0], forget);
+    assert_eq!(whole.bridges(0), (0, 0));
+    let cell_m = whole.levels()[0].grid.cell_m;
+    let most = (AgentConfig::default().max_hole_m2 / (cell_m * cell_m)) as usize;
+    let bridged = with_hole([5, most / 5], forget);
+    assert_eq!(bridged.bridges(0), (1, most / 5 * 5));
+    let at = [2.0 + 1.5 * cell_m, 2.0 + 2.5 * cell_m];
+    let surface = bridged.surface(at, 0.2).expect("a bridge");
+    let before = whole.surface(at, 0.2).expect("ground");
+    assert!(surface.is_filled && !before.is_filled);
+    assert!(
+        (surface.height_m - before.height_m).abs() < 0.002,
+        "{surface:?} {before:?}"
+    );
+    assert_eq!(
+        (bridged.block(at, 0), bridged.cover(at, 0)),
+        (None, Cover::Unknown)
+    );
+    // Larger, at an obstacle, over a step: not.
+    let large = with_hole([5, most / 5 + 1], forget);
+    let beside_obstacle = with_hole([3, 3], |level, cell| {
+        forget(level, cell);
+        level.occupancy[cell + 3] = scene_bundle::outputs::maps::OCCUPIED;
+    });
+    let over_step = with_hole([3, 3], |level, cell| {
+        forget(level, cell);
+        for beyond in cell + 3..cell + 6 {
+            level.elevation[beyond] += 0.4;
+        }
+    });
+    for ground in [large, beside_obstacle, over_step] {
+        assert_eq!(ground.bridges(0), (0, 0));
+        assert_eq!(ground.surface(at, 0.2), None);
+        assert!(ground.block(at, 0).is_some());
+    }
 }
 
 /// Shortest paths over the free cells at convex corners of what blocks the agent.
