@@ -330,5 +330,12 @@ fn sector(
     })
 }
 
+/// The corridor loop, made once for all tests.
+#[cfg(test)]
+pub(crate) fn corridor() -> &'static SyntheticScene {
+    static CORRIDOR: std::sync::OnceLock<SyntheticScene> = std::sync::OnceLock::new();
+    CORRIDOR.get_or_init(|| SyntheticScene::corridor_loop().expect("a scene of closed formulas"))
+}
+
 #[cfg(test)]
 mod tests;

@@ -92,12 +92,7 @@ pub(super) fn open(path: &Path, config: &BundleConfig) -> Result<SceneData, Simu
         hasher.update(&part.hash);
         let first = sectors.len();
         for mut sector in part.sectors {
-            // Names within the recording follow its own one.
-            let rest = sector
-                .name
-                .strip_prefix(part.name.as_str())
-                .unwrap_or(&sector.name);
-            sector.name = format!("{}{rest}", entry.name);
+            sector.name = renamed(&sector.name, &part.name, &entry.name);
             for edge in &mut sector.edges {
                 edge.to += first;
             }
@@ -143,6 +138,16 @@ pub(super) fn open(path: &Path, config: &BundleConfig) -> Result<SceneData, Simu
     }
     let sectors = sectors.into_iter().map(|(_, sector)| sector).collect();
     SceneData::with_hash(&file.name, sectors, *hasher.finalize().as_bytes(), missing)
+}
+
+/// The name of a sector in the scene: that of its recording, with its own one behind it where the
+/// recording has several.
+fn renamed(sector: &str, part: &str, entry: &str) -> String {
+    match sector.strip_prefix(part) {
+        Some("") => entry.to_owned(),
+        Some(rest) if rest.starts_with('/') => format!("{entry}{rest}"),
+        _ => format!("{entry}/{sector}"),
+    }
 }
 
 /// The edge back to a sector.

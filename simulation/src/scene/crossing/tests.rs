@@ -1,12 +1,15 @@
 //! Exam 6.6, the part without images: poses and collisions over the edges of a loop of sectors.
 
 use std::f64::consts::{PI, TAU};
+use std::sync::OnceLock;
+
+use scene_bundle::outputs::maps::MapLevel;
 
 use super::*;
 use crate::agent::{AgentConfig, AgentState, BlockReason, Drive, Motion, advance};
 use crate::ground::Ground;
 use crate::scene::Similarity;
-use crate::testing::{CELL_M, SyntheticScene, levels};
+use crate::testing::{self, CELL_M, SyntheticScene, levels};
 
 /// Goals of the exam.
 const MAX_POSITION_M: f64 = 0.01;
@@ -23,13 +26,15 @@ struct Loop {
 
 impl Loop {
     fn new(config: AgentConfig) -> Self {
-        let scene = SyntheticScene::corridor_loop().unwrap();
+        let scene = testing::corridor().clone();
         let ground = |levels: &[_]| Ground::new(levels.to_vec(), &config).unwrap();
         let sectors = &scene.scene.sectors;
         let grounds = sectors
             .iter()
             .map(|sector| ground(sector.levels.as_ref().unwrap()));
-        let whole = levels::levels(&scene.surfaces[0], [-1.0; 2], [13.0; 2], CELL_M);
+        static WHOLE: OnceLock<Vec<MapLevel>> = OnceLock::new();
+        let whole =
+            WHOLE.get_or_init(|| levels::levels(&scene.surfaces[0], [-1.0; 2], [13.0; 2], CELL_M));
         // Once around, edge by edge.
         let mut first_from = vec![Similarity::identity()];
         for side in 0..3 {
@@ -42,7 +47,7 @@ impl Loop {
         }
         Self {
             grounds: grounds.collect(),
-            whole: ground(&whole),
+            whole: ground(whole),
             scene,
             first_from,
             config,
@@ -218,7 +223,7 @@ fn a_lap_ends_where_it_began() {
 
 #[test]
 fn agents_on_the_border_do_not_flicker() {
-    let scene = SyntheticScene::corridor_loop().unwrap().scene;
+    let scene = testing::corridor().scene.clone();
     let (mut place, mut changes) = (at(0, 11.0, 1.0), 0);
     for step in 0..1000 {
         // Five centimetres along the normal to either side: less than the hysteresis.
@@ -250,7 +255,7 @@ fn at(sector: usize, x: f64, y: f64) -> Place {
 
 #[test]
 fn weights_of_a_fade_are_complements() {
-    let scene = SyntheticScene::corridor_loop().unwrap().scene;
+    let scene = testing::corridor().scene.clone();
     let edge = &scene.sectors[0].edges[0];
     for step in -60..60 {
         let along = 0.01 * f64::from(step) * std::f64::consts::FRAC_1_SQRT_2;

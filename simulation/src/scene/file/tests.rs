@@ -162,3 +162,10 @@ fn damaged_files_and_edges_are_errors() {
     let error = open(folder.path(), EDGE).unwrap_err();
     assert!(matches!(error, SimulationError::Bundle { .. }), "{error}");
 }
+
+#[test]
+fn sectors_are_named_after_their_recording() {
+    assert_eq!(renamed("walk", "walk", "hall"), "hall");
+    assert_eq!(renamed("walk/001", "walk", "hall"), "hall/001");
+    assert_eq!(renamed("sec1", "sec", "yard"), "yard/sec1");
+}

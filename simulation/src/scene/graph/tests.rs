@@ -1,13 +1,9 @@
 use super::*;
 use crate::scene::SceneData;
-use crate::testing::SyntheticScene;
+use crate::testing;
 
 fn corridor() -> Vec<Sector> {
-    SyntheticScene::corridor_loop()
-        .unwrap()
-        .scene
-        .sectors
-        .clone()
+    testing::corridor().scene.sectors.clone()
 }
 
 /// The error of sectors that were changed.

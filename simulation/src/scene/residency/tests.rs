@@ -1,10 +1,10 @@
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use super::*;
-use crate::testing::SyntheticScene;
+use crate::testing::{self, SyntheticScene};
 
 fn corridor() -> Arc<SceneData> {
-    SyntheticScene::corridor_loop().unwrap().scene
+    testing::corridor().scene.clone()
 }
 
 /// A budget for a number of sectors.
@@ -67,10 +67,18 @@ fn a_budget_below_what_is_needed_is_an_error_with_numbers() {
     else {
         panic!("{error}");
     };
+    let bytes = [0, 1].map(|k| {
+        scene.sectors[k]
+            .gaussians
+            .as_ref()
+            .unwrap()
+            .resident_bytes()
+    });
     assert_eq!(
         (place.as_str(), needed),
-        ("Gaussians of side 0, side 1", 2 * allowed)
+        ("Gaussians of side 0, side 1", bytes[0] + bytes[1])
     );
+    assert_eq!(allowed, bytes[0]);
     // Required sectors do not leave for another one.
     assert!(matches!(
         store.content(1),
