@@ -1,7 +1,8 @@
 //! Beogym's measurement: an agent that walks, and its camera, on one thread.
 //!
 //! A step is the motion of the agent over the ground, which looks up the map, and an image of
-//! 1280x720 with depth. The agent steers to poses of the recorded path one after the other.
+//! 1280x720 with depth. The agent walks between two places on the recorded path, there and back,
+//! along the shortest path.
 
 use std::f64::consts::FRAC_PI_2;
 
@@ -9,8 +10,8 @@ use anyhow::{Context, Result};
 use cad_transforms::RigidTransform;
 use serde_json::{Value, json};
 use simulation::{
-    AgentConfig, AgentState, CameraBatch, CameraConfig, Drive, FrameRequest, Frames, Ground,
-    Quality, advance,
+    AgentConfig, AgentState, CameraBatch, CameraConfig, DistanceField, Drive, FrameRequest, Frames,
+    Ground, Quality, advance,
 };
 
 use super::Opened;
@@ -20,10 +21,14 @@ const SIZE: [u32; 2] = [1280, 720];
 const STEPS: usize = 200;
 const QUICK_STEPS: usize = 20;
 const DT_S: f64 = 0.1;
-/// Distance at which the next pose of the path is steered to, m.
-const REACHED_M: f64 = 1.0;
-/// Action per radian of the angle to it.
-const STEERING: f64 = 1.5;
+/// Distance at which a goal is reached, m.
+const REACHED_M: f64 = 0.5;
+/// Action per radian of the angle to the path, and the angle at which the agent rotates in place,
+/// rad.
+const STEERING: f64 = 2.0;
+const MAX_ANGLE_RAD: f64 = 0.3;
+/// Places of the recorded path that are tried as goals.
+const GOALS: usize = 12;
 /// Beogym's published figure, images per second on a GPU that is not named.
 const BEOGYM_FPS: f64 = 110.0;
 
@@ -59,33 +64,32 @@ fn episode(scene: &Opened, quality: Quality, steps: usize) -> Result<Value> {
     let eye = RigidTransform::from_translation_m([0.0, 0.0, agent.eye_height_m])?;
     config.body_from_camera = eye * RigidTransform::body_from_optical();
     let camera = CameraBatch::new(scene.store.clone(), config)?;
-    let path = path(scene, &ground, agent.eye_height_m);
+    let points = path(scene, &ground, agent.eye_height_m);
+    let (there, begin) = longest(&ground, &agent, &points).context("no path on the ground")?;
+    let back = DistanceField::new(&ground, &agent, begin);
     let mut frames = Frames::default();
     let render = |state: &AgentState, frames: &mut Frames| {
         let pose = state.world_from_body() * camera.config().body_from_camera;
         camera.render(&[FrameRequest::new(0, pose)], frames)
     };
     let (start, reset) = timed(|| -> Result<AgentState> {
-        let mut ahead = path.windows(2);
-        let start = ahead.find_map(|pair| {
-            let yaw_rad = direction(pair[0], pair[1]);
-            AgentState::on_ground(&ground, &agent, pair[0], yaw_rad)
-        });
+        let yaw_rad = there
+            .direction(begin)
+            .map_or(0.0, |[x, y]| libm::atan2(y, x));
+        let start = AgentState::on_ground(&ground, &agent, begin, yaw_rad);
         let start = start.context("no recorded pose is above the ground")?;
         render(&start, &mut frames)?;
         Ok(start)
     });
     let mut state = start?;
-    let (mut next, mut blocked, mut distance_m) = (0, 0, 0.0);
+    let (mut is_back, mut blocked, mut distance_m) = (false, 0, 0.0);
     let (mut walls_s, mut cpus_s) = (Vec::new(), Vec::new());
     for _ in 0..steps {
         let (result, time) = timed(|| {
-            while next + 1 < path.len() && horizontal_m(state.position_m, path[next]) < REACHED_M {
-                next += 1;
-            }
-            let error = direction(state.position_m, path[next]) - state.yaw_rad;
-            let error = libm::atan2(libm::sin(error), libm::cos(error));
-            let action = [1.0, (STEERING * error).clamp(-1.0, 1.0)];
+            let field = if is_back { &back } else { &there };
+            let left_m = field.distance_m(state.position_m);
+            is_back ^= left_m.is_some_and(|left_m| left_m < REACHED_M);
+            let action = action(field, &state);
             let motion = advance(&ground, &agent, Drive::Differential, &state, &action, DT_S);
             state = motion.state;
             blocked += usize::from(motion.blocked.is_some());
@@ -128,10 +132,40 @@ fn path(scene: &Opened, ground: &Ground, eye_height_m: f64) -> Vec<[f64; 3]> {
     points.collect()
 }
 
-fn horizontal_m(from: [f64; 3], to: [f64; 3]) -> f64 {
-    libm::hypot(to[0] - from[0], to[1] - from[1])
+/// The field of a goal and the point from which its shortest path is longest, of some goals on the
+/// recorded path.
+fn longest(
+    ground: &Ground,
+    agent: &AgentConfig,
+    points: &[[f64; 3]],
+) -> Option<(DistanceField, [f64; 3])> {
+    let mut best: Option<(f64, DistanceField, [f64; 3])> = None;
+    for goal in points.iter().step_by((points.len() / GOALS).max(1)) {
+        let field = DistanceField::new(ground, agent, *goal);
+        let reached = points
+            .iter()
+            .filter_map(|point| Some((field.distance_m(*point)?, *point)));
+        let farthest = reached.max_by(|a, b| a.0.total_cmp(&b.0));
+        if let Some((distance_m, from)) = farthest
+            && best.as_ref().is_none_or(|best| distance_m > best.0)
+        {
+            best = Some((distance_m, field, from));
+        }
+    }
+    best.map(|(_, field, from)| (field, from))
 }
 
-fn direction(from: [f64; 3], to: [f64; 3]) -> f64 {
-    libm::atan2(to[1] - from[1], to[0] - from[0])
+/// Forward along the shortest path; in place where it leads elsewhere.
+fn action(field: &DistanceField, state: &AgentState) -> [f64; 2] {
+    let Some([x, y]) = field.direction(state.position_m) else {
+        return [0.0, 1.0];
+    };
+    let error = libm::atan2(y, x) - state.yaw_rad;
+    let error = libm::atan2(libm::sin(error), libm::cos(error));
+    let forward = if error.abs() < MAX_ANGLE_RAD {
+        1.0
+    } else {
+        0.0
+    };
+    [forward, (STEERING * error).clamp(-1.0, 1.0)]
 }

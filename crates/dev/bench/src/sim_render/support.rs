@@ -26,7 +26,7 @@ pub(super) fn measure(scene: &Opened, out: &Path) -> Result<Value> {
         "goal_mae_db": GOAL_DB,
         "held_out": {
             "samples": held_out,
-            "mae_db": unseen_error(&groups)?,
+            "mae_db_of_map_and_mean": unseen_error(&groups)?,
         },
         "off_path": off_path(out)?,
     }))
@@ -51,7 +51,7 @@ fn off_path(out: &Path) -> Result<Value> {
         .iter()
         .map(|(row, samples)| json!({ "walk": row["walk"], "samples": samples }))
         .collect();
-    Ok(json!({ "walks": rows, "mae_db": unseen_error(&groups)? }))
+    Ok(json!({ "walks": rows, "mae_db_of_map_and_mean": unseen_error(&groups)? }))
 }
 
 /// PSNR of the views of a walk minus that of its held-out instants, dB.
@@ -67,10 +67,10 @@ fn relative_samples(row: &Value) -> Vec<SupportSample> {
     views.iter().filter_map(sample).collect()
 }
 
-/// Mean absolute error on each group of a map that was fitted to all others, dB; none for fewer
-/// samples than a map needs.
-fn unseen_error(groups: &[Vec<SupportSample>]) -> Result<Option<f64>> {
-    let (mut sum, mut count) = (0.0, 0);
+/// Mean absolute errors on each group of a map that was fitted to all others and of their mean, dB;
+/// none for fewer samples than a map needs.
+fn unseen_error(groups: &[Vec<SupportSample>]) -> Result<Option<[f64; 2]>> {
+    let (mut sums, mut count) = ([0.0; 2], 0);
     for (number, group) in groups.iter().enumerate() {
         let others = groups
             .iter()
@@ -81,17 +81,21 @@ fn unseen_error(groups: &[Vec<SupportSample>]) -> Result<Option<f64>> {
             return Ok(None);
         }
         let map = SupportMap::fit(&others)?;
+        let mean_db = others.iter().map(|other| other.psnr_db).sum::<f64>() / others.len() as f64;
         for sample in group {
             let deviation = Deviation {
                 distance_m: sample.distance_m,
                 angle_rad: sample.angle_rad,
                 index: 0,
             };
-            sum += (map.support_db(&deviation) - sample.psnr_db).abs();
+            let predicted = [map.support_db(&deviation), mean_db];
+            for (sum, predicted_db) in sums.iter_mut().zip(predicted) {
+                *sum += (predicted_db - sample.psnr_db).abs();
+            }
             count += 1;
         }
     }
-    Ok((count > 0).then(|| sum / f64::from(count)))
+    Ok((count > 0).then(|| sums.map(|sum| sum / f64::from(count))))
 }
 
 #[cfg(test)]
@@ -111,9 +115,11 @@ mod tests {
                 .collect()
         };
         let equal = [of_level(30.0), of_level(30.0)];
-        assert!(unseen_error(&equal).unwrap().unwrap() < 0.01);
+        let [map, mean] = unseen_error(&equal).unwrap().unwrap();
+        assert!(map < 0.01 && (mean - 2.0).abs() < 0.01);
         let unequal = [of_level(30.0), of_level(26.0)];
-        assert!((unseen_error(&unequal).unwrap().unwrap() - 4.0).abs() < 0.01);
+        let [map, _] = unseen_error(&unequal).unwrap().unwrap();
+        assert!((map - 4.0).abs() < 0.01);
         assert_eq!(unseen_error(&equal[..1]).unwrap(), None);
     }
 
