@@ -6,6 +6,7 @@
 //! [`AgentConfig::max_hole_m2`]. What blocks an agent depends on its size: obstacles, walls above its step
 //! and ceilings keep its center a radius away.
 
+mod block;
 mod components;
 mod holes;
 mod layer;
@@ -15,7 +16,9 @@ mod tests;
 
 use scene_bundle::outputs::maps::MapLevel;
 
-use crate::agent::{AgentConfig, BlockReason};
+pub use block::{Block, BlockReason};
+
+use crate::agent::config::AgentConfig;
 use crate::error::SimulationError;
 pub(crate) use components::neighbors;
 pub(crate) use layer::Layer;

@@ -22,10 +22,7 @@ mod snapshot;
 pub mod testing;
 mod world;
 
-pub use agent::{
-    AgentConfig, AgentState, Block, BlockReason, Drive, Footing, Motion, Playback, Recorded,
-    advance,
-};
+pub use agent::{AgentConfig, AgentState, Drive, Footing, Motion, Playback, Recorded, advance};
 pub use alignment::{Alignment, AlignmentConfig, AlignmentModel, align_points, align_trajectories};
 pub use camera::{
     CameraBatch, CameraConfig, CameraSchedule, CameraView, Capture, DepthKind, ExposureConfig,
@@ -39,7 +36,7 @@ pub use episode::{
 };
 pub use error::SimulationError;
 pub use geodesic::DistanceField;
-pub use ground::{Cover, Ground, Surface};
+pub use ground::{Block, BlockReason, Cover, Ground, Surface};
 pub use guide::Guide;
 pub use map_image::MapImage;
 pub use randomness::{RandomStream, Stream};

@@ -1,10 +1,10 @@
-//! The way of an agent's center over the ground, in steps of half a cell.
+//! The path of an agent's center over the ground, in steps of half a cell.
 
 use scene_bundle::outputs::grid::Grid;
 
 use super::motion::Arc;
-use super::{AgentState, Block, BlockReason};
-use crate::ground::Ground;
+use super::state::AgentState;
+use crate::ground::{Block, BlockReason, Ground};
 
 #[cfg(test)]
 mod tests;

@@ -1,6 +1,8 @@
 //! How an agent rests on the ground: the plane through the corners of its footprint.
 
-use super::{AgentConfig, AgentState};
+use super::config::AgentConfig;
+use super::motion;
+use super::state::AgentState;
 use crate::ground::{Ground, Surface};
 
 /// The ground below a footprint.
@@ -90,5 +92,24 @@ impl Footing {
         state.roll_rad = self.roll_rad;
         state.level = self.level;
         state.is_on_ground = self.is_on_ground;
+    }
+}
+
+impl AgentState {
+    /// An agent at rest on the ground at x, y near the height z; `None` where there is no ground.
+    pub fn on_ground(
+        ground: &Ground,
+        config: &AgentConfig,
+        position_m: [f64; 3],
+        yaw_rad: f64,
+    ) -> Option<Self> {
+        let footing = Footing::at(ground, config, position_m, yaw_rad)?;
+        let mut state = Self {
+            position_m,
+            yaw_rad: motion::wrap(yaw_rad),
+            ..Self::default()
+        };
+        footing.place(&mut state);
+        Some(state)
     }
 }

@@ -4,7 +4,9 @@
 //! `v dt sinc(δ/2)` and the direction `ψ + δ/2`, where `δ = ω dt` is the change of heading `ψ`:
 //! one formula for arcs and straight lines, without division by the rate.
 
-use super::{AgentConfig, AgentState, Drive, Motion};
+use super::config::AgentConfig;
+use super::drive::Drive;
+use super::state::AgentState;
 
 /// Angle below which the series of the sinc is exact to 1e-16.
 const SMALL_RAD: f64 = 1e-4;
@@ -110,8 +112,13 @@ pub(super) fn wrap(angle_rad: f64) -> f64 {
     wrapped.clamp(-std::f64::consts::PI, std::f64::consts::PI)
 }
 
-/// A step of a free camera.
-pub(super) fn fly(config: &AgentConfig, state: &AgentState, parts: &[f64; 6], dt_s: f64) -> Motion {
+/// State of a free camera after a step, and the length of its path, m.
+pub(super) fn fly(
+    config: &AgentConfig,
+    state: &AgentState,
+    parts: &[f64; 6],
+    dt_s: f64,
+) -> (AgentState, f64) {
     let rotate = |v: [f64; 3]| state.world_from_body().rotate(v);
     let size = (parts[..3].iter().map(|v| v * v).sum::<f64>())
         .sqrt()
@@ -132,9 +139,5 @@ pub(super) fn fly(config: &AgentConfig, state: &AgentState, parts: &[f64; 6], dt
         parts[5] * config.max_yaw_rate_rad_s,
     ];
     next.is_on_ground = false;
-    Motion {
-        state: next,
-        blocked: None,
-        distance_m: moved.iter().map(|v| v * v).sum::<f64>().sqrt(),
-    }
+    (next, moved.iter().map(|v| v * v).sum::<f64>().sqrt())
 }

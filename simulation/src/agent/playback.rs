@@ -6,7 +6,8 @@ use cad_transforms::{RigidTransform, so3};
 use scene_bundle::outputs::contacts::FootContact;
 use scene_bundle::{Pose, Status, Trajectory};
 
-use super::{AgentConfig, AgentState};
+use super::config::AgentConfig;
+use super::state::AgentState;
 use crate::ground::Ground;
 
 #[cfg(test)]

@@ -1,7 +1,7 @@
 //! Connected parts of the ground.
 
 use super::layer::Layer;
-use crate::agent::AgentConfig;
+use crate::agent::config::AgentConfig;
 
 /// Numbers the connected parts, over all levels, in the order of their first cells.
 pub(super) fn label(layers: &mut [Layer], agent: &AgentConfig) {

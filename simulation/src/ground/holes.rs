@@ -8,7 +8,7 @@
 
 use scene_bundle::outputs::grid::Grid;
 
-use crate::agent::AgentConfig;
+use crate::agent::config::AgentConfig;
 
 /// What a cell is for bridging.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -3,9 +3,10 @@
 use scene_bundle::outputs::grid::Grid;
 use scene_bundle::outputs::maps::{EDGE, FILLED, FREE, KNOWN, MapLevel, OCCUPIED, SAMPLED};
 
+use super::block::BlockReason;
 use super::holes::{self, Kind};
 use super::{Cover, Surface};
-use crate::agent::{AgentConfig, BlockReason};
+use crate::agent::config::AgentConfig;
 
 /// Steepest surface over which heights are blended: cells that differ by more are different
 /// surfaces, tangent.
@@ -154,7 +155,7 @@ impl Layer {
         let (wide, narrow) = (agent.radius_m, agent.unknown_margin_m);
         let steepest = libm::tan(agent.max_slope_rad);
         let mut blocks: Vec<Option<BlockReason>> = vec![None; self.cells.len()];
-        // What is known to be in the way is the reason where several are.
+        // Of several reasons one that is known comes first.
         for (number, cell) in self.cells.iter().enumerate() {
             let low_ceiling = f64::from(level.clearance[number]) < agent.height_m;
             let slope = cell.slope.map(f64::from);

@@ -1,6 +1,6 @@
 //! Codes of what stops a motion.
 
-use crate::agent::BlockReason;
+use crate::ground::BlockReason;
 
 pub(crate) const OUTSIDE_MAP: i8 = 1;
 pub(crate) const UNKNOWN: i8 = 2;

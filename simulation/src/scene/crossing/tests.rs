@@ -6,7 +6,8 @@ use std::sync::OnceLock;
 use scene_bundle::outputs::maps::MapLevel;
 
 use super::*;
-use crate::agent::{AgentConfig, AgentState, BlockReason, Drive, Motion, advance};
+use crate::agent::{AgentConfig, AgentState, Drive, Motion, advance};
+use crate::ground::BlockReason;
 use crate::ground::Ground;
 use crate::scene::Similarity;
 use crate::testing::{self, CELL_M, SyntheticScene, levels};
