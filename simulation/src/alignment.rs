@@ -49,7 +49,7 @@ config! {
         /// exceed it.
         pub max_rotation_rad: f64 = 0.35,
         /// Largest constant rotation between both bodies, rad. On level ground a mirrored path is
-        /// also one of a body turned over, by pi. OpenCV's axes and those of REP-103 differ by
+        /// also one of a body upside down, by pi. OpenCV's axes and those of REP-103 differ by
         /// 2.1; set it to pi for bodies that really are upside down.
         pub max_body_rotation_rad: f64 = 2.8,
     }
@@ -123,7 +123,7 @@ pub fn align_points(
         return Err(SimulationError::Setting {
             name: "positions to align".to_owned(),
             found: format!("{} and {}", estimate.len(), reference.len()),
-            expected: "finite numbers, as many of both".to_owned(),
+            expected: "finite numbers, the same count of both".to_owned(),
         });
     }
     let pairs = Pairs::of_points(estimate, reference);

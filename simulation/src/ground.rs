@@ -117,8 +117,8 @@ impl Ground {
         &self.levels
     }
 
-    /// The surface at x, y whose cell is nearest to z in height, all in m; `None` outside of the maps and
-    /// where nothing is known.
+    /// The surface at x, y whose cell is nearest to z in height, all in m; `None` outside of the
+    /// maps and where nothing is known.
     pub fn surface(&self, at_m: [f64; 2], near_z_m: f64) -> Option<Surface> {
         let mut nearest: Option<(f64, usize, usize)> = None;
         for (level, layer) in self.layers.iter().enumerate() {
@@ -135,7 +135,7 @@ impl Ground {
     }
 
     /// Holes of a level that agents may cross on a plane through their rims, and cells in them.
-    /// [`Surface::is_filled`] is set there and [`Self::cover`] stays unknown.
+    /// [`Surface::is_filled`] is set there and [`Self::cover`] is unknown.
     pub fn bridges(&self, level: usize) -> (usize, usize) {
         self.layers.get(level).map_or((0, 0), Layer::bridges)
     }

@@ -66,7 +66,7 @@ impl Guide {
         })
     }
 
-    /// The goal on the way, m.
+    /// The goal that it walks to, m.
     pub fn goal_m(&self) -> Option<[f64; 3]> {
         self.goal.as_ref().map(DistanceField::goal_m)
     }

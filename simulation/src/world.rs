@@ -67,7 +67,7 @@ impl World {
     }
 
     /// Begins episodes in the environments of the mask, or in all. With seeds (one for each
-    /// environment; those outside of the mask are ignored) their episodes are counted anew;
+    /// environment; those outside of the mask are ignored) their episodes are counted from 0;
     /// without, the next episode of the seed begins.
     ///
     /// # Errors

@@ -103,7 +103,7 @@ impl<'a> Robust<'a> {
     }
 
     /// Refuses paths whose poses turn against those of the reference. On level ground a mirrored
-    /// path is also one turned over, which positions alone do not show.
+    /// path is also one upside down, which positions alone do not show.
     pub(super) fn check_rotations(
         &self,
         pairs: &Pairs,
@@ -141,7 +141,7 @@ impl<'a> Robust<'a> {
             )
         } else if of_body > self.config.max_body_rotation_rad {
             format!(
-                "a body that is turned by {:.1} degrees",
+                "a body that is rotated by {:.1} degrees",
                 of_body.to_degrees()
             )
         } else {

@@ -205,7 +205,7 @@ fn mirrored_positions_are_refused() {
 
 #[test]
 fn mirrored_poses_on_level_ground_are_refused() {
-    // Positions alone could be turned over.
+    // Positions alone could be upside down.
     let pose = |i: i64, side: f64| {
         let t = 0.1 * i as f64;
         let pose = world_from_body(t);

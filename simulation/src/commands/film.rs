@@ -59,7 +59,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode> {
         size: walk.map.size(),
     };
     let summary = format!(
-        "An agent walked {:.1} m in {} s, reached {} goals, was stopped in {collisions} steps and began anew {} times.",
+        "An agent walked {:.1} m in {} s, reached {} goals, was stopped in {collisions} steps and restarted {} times.",
         walk.path_m(),
         arguments.seconds,
         walk.reached(),

@@ -1,4 +1,4 @@
-//! Rewards: plain terms with weights, so that a caller can weigh them anew or replace them.
+//! Rewards: plain terms with weights, so that a caller can change the weights or replace them.
 
 use estimator_config::config;
 

@@ -4,7 +4,7 @@
 //! ground: neither an obstacle nor the border of the map touches it. It is bridged by the plane
 //! through its rim where its area is at most [`AgentConfig::max_hole_m2`] and no cell of the rim is
 //! farther from the plane than [`AgentConfig::max_residual_m`]. Everything else that was not seen
-//! stays unknown.
+//! remains unknown.
 
 use scene_bundle::outputs::grid::Grid;
 

@@ -3,7 +3,7 @@
 //! Generation 1 is a folder of `NAME/point_cloud.ply`, `NAME/transformation.txt` and
 //! `NAME/cameras.json` per sector, and `surfaceMap.pcd`, a LiDAR map. Generation 2 is a folder with
 //! `sequence.json`, which this page of the reference defines, and arrays; RocksDB and pickles are
-//! refused with the way to convert them.
+//! refused with a hint how to convert them.
 //!
 //! Beogym's frames have y up. All sectors are carried into one world with z up, so that edges
 //! between them are identities; they lead between sectors whose areas meet. The edges of Beogym's

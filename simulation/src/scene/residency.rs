@@ -23,7 +23,7 @@ config! {
     /// Memory for Gaussians.
     pub struct ResidencyConfig {
         /// Memory for the Gaussians of all sectors together, bytes. Too little for the sectors
-        /// that are needed at once is an error with both numbers.
+        /// that one step needs is an error with both numbers.
         pub budget_bytes: u64 = 2 << 30,
         /// Distance to a border at which the sector beyond is loaded ahead, m: 5 s of walking. Less
         /// waits at the border, more loads what is not used.

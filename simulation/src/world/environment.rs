@@ -167,7 +167,7 @@ pub(crate) fn reset(shared: &Shared, row: &mut Row<'_>, begin: &Begin) {
 /// Components of an action at most.
 const MAX_ACTION_SIZE: usize = 6;
 
-/// Advances an environment by a step. One that has ended stays as it is.
+/// Advances an environment by a step. One that has ended does not change.
 pub(crate) fn step(shared: &Shared, row: &mut Row<'_>, action: &[f64]) {
     row.clear_step();
     if row.episode.phase != Phase::Running {

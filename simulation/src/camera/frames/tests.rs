@@ -353,7 +353,7 @@ fn images_fade_without_a_jump_across_an_imported_border() {
         let there = FrameRequest::new(1, edge.to_from_here.carry(&pose));
         let mut frames = Frames::default();
         let report = batch.render(&[here, there], &mut frames).unwrap();
-        // Whoever owns the camera: the same image, where the border is.
+        // Whichever sector owns the camera: the same image, where the border is.
         let [a, b] = [0, 1].map(|number| part(&frames, number));
         let psnr_db = psnr_db(a.0, b.0);
         assert!(psnr_db >= 30.0, "{psnr_db} dB at step {step}");

@@ -46,7 +46,7 @@ pub(super) fn read(bytes: &[u8], path: &Path) -> Result<Vec<[f64; 3]>, Simulatio
         .unwrap_or(0);
     if [sizes.len(), kinds.len(), counts.len()] != [fields.len(); 3] {
         let found = format!("{} fields, other numbers of sizes and types", fields.len());
-        return Err(wrong(path, found, "as many of each"));
+        return Err(wrong(path, found, "the same count of each"));
     }
     let mut columns = [0; 3];
     for (axis, column) in AXES.iter().zip(&mut columns) {

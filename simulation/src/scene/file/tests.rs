@@ -44,7 +44,7 @@ fn write_bundle(path: &Path) {
     bundle.finish(2).unwrap();
 }
 
-/// The yard begins where the hall ends, turned by a quarter, 2 % larger.
+/// The yard begins where the hall ends, rotated by a quarter, 2 % larger.
 const EDGE: &str = r#"{"from": "hall", "to": "yard", "to_from_here": {"scale": 1.02,
     "rotation_wxyz": [0.7071067811865476, 0, 0, 0.7071067811865476],
     "translation_m": [8.0, -6.0, 0.0]},

@@ -43,7 +43,7 @@ fn longest_unused_sectors_leave() {
     }
     assert_eq!(store.resident(), [0, 3]);
     assert_eq!(count.load(Ordering::SeqCst), 3);
-    // What a caller has stays valid.
+    // What a caller has remains valid.
     let kept = store.content(0).unwrap();
     store.content(1).unwrap();
     store.content(3).unwrap();

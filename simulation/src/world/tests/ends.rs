@@ -171,7 +171,7 @@ fn check(scene: &Arc<SceneData>, reasons: &[EndReason], ends: EndConfig) {
     assert!(alone.observations() == observation, "{reasons:?}");
     assert_eq!(alone.world_from_camera(0), camera);
     world.shared.goals = std::mem::take(&mut alone.shared.goals);
-    // What ended stays as it is.
+    // What ended does not change.
     if expected != EndReason::None {
         let path_length_m = world.result().path_length_m[0];
         world.step(&[1.0, 0.0]).unwrap();
