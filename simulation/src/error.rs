@@ -75,3 +75,30 @@ pub enum SimulationError {
         expected: String,
     },
 }
+
+/// Refuses a setting that is not a positive number.
+pub(crate) fn check_positive(name: &str, value: f64) -> Result<(), SimulationError> {
+    check_range(
+        name,
+        value,
+        [f64::MIN_POSITIVE, f64::MAX],
+        "a positive number",
+    )
+}
+
+/// Refuses a setting outside of a range, ends included, or not finite.
+pub(crate) fn check_range(
+    name: &str,
+    value: f64,
+    [low, high]: [f64; 2],
+    expected: &str,
+) -> Result<(), SimulationError> {
+    if (low..=high).contains(&value) {
+        return Ok(());
+    }
+    Err(SimulationError::Setting {
+        name: name.to_owned(),
+        found: value.to_string(),
+        expected: expected.to_owned(),
+    })
+}

@@ -1,0 +1,372 @@
+//! Worlds: any number of environments with an agent each on one scene.
+//!
+//! [`World::reset`] begins episodes, [`World::step`] advances all that have not ended. Environments
+//! that end stay as they are until they are reset, so that their final observation and camera pose
+//! can be read. After an error nothing has changed. The results of an environment depend neither
+//! on the others nor on the number of threads.
+
+pub(crate) mod block;
+pub(crate) mod columns;
+pub(crate) mod config;
+pub(crate) mod environment;
+pub(crate) mod observation;
+pub(crate) mod pursuit;
+pub(crate) mod report;
+pub(crate) mod result;
+pub(crate) mod rows;
+pub(crate) mod shared;
+
+use std::sync::Arc;
+
+use cad_transforms::RigidTransform;
+
+pub use block::block_code;
+pub use config::{ObservationConfig, WorldConfig};
+pub use observation::ObservationField;
+pub use result::StepResult;
+
+use crate::SimulationError;
+use crate::agent::AgentState;
+use crate::episode::task::{Task, goals};
+use crate::scene::SceneData;
+use environment::{Begin, Episode, Phase};
+use rows::{Environments, Rows};
+use shared::Shared;
+
+/// Environments with an agent each on one scene.
+///
+/// ```
+/// use simulation::testing::SyntheticScene;
+/// use simulation::{World, WorldConfig};
+///
+/// let scene = SyntheticScene::room()?.scene;
+/// let mut config = WorldConfig::default();
+/// config.environments = 4;
+/// let mut world = World::new(scene, config)?;
+/// world.reset(None, None)?;
+/// // Speed and yaw rate of each of the four agents.
+/// let result = world.step(&[0.5, 0.1, 0.5, -0.1, 1.0, 0.0, 0.0, 1.0])?;
+/// assert_eq!(result.rewards.len(), 4);
+/// let ended: Vec<bool> = (0..4).map(|environment| world.has_ended(environment)).collect();
+/// world.reset(Some(&ended), None)?;
+/// # Ok::<(), simulation::SimulationError>(())
+/// ```
+#[derive(Debug)]
+pub struct World {
+    pub(crate) shared: Shared,
+    pub(crate) environments: Environments,
+    pub(crate) result: StepResult,
+    pub(crate) observations: Vec<f32>,
+    /// First states of a reset before it succeeds.
+    begins: Vec<Option<Begin>>,
+}
+
+impl World {
+    /// A world on a scene. Starts no threads; they start at the first reset or step.
+    ///
+    /// # Errors
+    /// [`SimulationError::Setting`] with the name of a setting that is out of its range,
+    /// [`SimulationError::Scene`] for a scene without maps.
+    pub fn new(scene: Arc<SceneData>, config: WorldConfig) -> Result<Self, SimulationError> {
+        let shared = Shared::new(scene, config)?;
+        let count = shared.config.environments;
+        let mut environments = Environments::new(count);
+        for (index, episode) in environments.episode.iter_mut().enumerate() {
+            *episode = Episode::new(shared.config.seed.wrapping_add(index as u64));
+        }
+        Ok(Self {
+            environments,
+            result: StepResult::new(count),
+            observations: vec![0.0; count * shared.layout.len()],
+            begins: vec![None; count],
+            shared,
+        })
+    }
+
+    /// Begins episodes in the environments of the mask, or in all. With seeds (one for each
+    /// environment; those outside of the mask are ignored) their episodes are counted anew;
+    /// without, the next episode of the seed begins.
+    ///
+    /// # Errors
+    /// [`SimulationError::Start`] if no start was found for one of them,
+    /// [`SimulationError::Setting`] for a mask or seeds of another length.
+    pub fn reset(
+        &mut self,
+        mask: Option<&[bool]>,
+        seeds: Option<&[u64]>,
+    ) -> Result<(), SimulationError> {
+        let count = self.shared.config.environments;
+        for (name, len) in [
+            ("mask", mask.map(<[_]>::len)),
+            ("seeds", seeds.map(<[_]>::len)),
+        ] {
+            if let Some(len) = len.filter(|len| *len != count) {
+                return Err(SimulationError::Setting {
+                    name: name.to_owned(),
+                    found: format!("{len} values"),
+                    expected: format!("{count}, one per environment"),
+                });
+            }
+        }
+        if self.shared.goals.is_empty() && self.shared.config.task.task == Task::PointGoal {
+            self.shared.goals = goals::draw_all(&self.shared)?;
+        }
+        let is_reset = |index: usize| mask.is_none_or(|mask| mask[index]);
+        let (shared, episodes) = (&self.shared, &self.environments.episode);
+        let begin = |(index, begin): (usize, &mut Option<Begin>)| {
+            *begin = None;
+            if is_reset(index) {
+                let (seed, number) = next_episode(&episodes[index], seeds.map(|s| s[index]));
+                *begin = Some(environment::begin(shared, seed, number)?);
+            }
+            Ok(())
+        };
+        begin_all(&mut self.begins, &begin)?;
+        let begins = &self.begins;
+        rows(
+            shared,
+            &mut self.environments,
+            &mut self.result,
+            &mut self.observations,
+        )
+        .for_each(&|index, row| {
+            if let Some(begin) = &begins[index] {
+                environment::reset(shared, row, begin);
+            }
+        });
+        Ok(())
+    }
+
+    /// Advances all environments that have not ended by one step. Actions are those of all
+    /// environments in order, each of [`Drive::action_size`](crate::Drive::action_size) components
+    /// of -1 to 1; what is beyond is clipped and counted. Actions of environments that have ended
+    /// must be finite and are otherwise ignored.
+    ///
+    /// # Errors
+    /// [`SimulationError::State`] before the first reset of an environment,
+    /// [`SimulationError::Action`] for another number of components and for one that is not finite;
+    /// no environment moved.
+    pub fn step(&mut self, actions: &[f64]) -> Result<&StepResult, SimulationError> {
+        let size = self.shared.config.drive.action_size();
+        self.check_step(actions, size)?;
+        let shared = &self.shared;
+        rows(
+            shared,
+            &mut self.environments,
+            &mut self.result,
+            &mut self.observations,
+        )
+        .for_each(&|index, row| {
+            let action = &actions[index * size..(index + 1) * size];
+            environment::step(shared, row, action);
+        });
+        Ok(&self.result)
+    }
+
+    fn check_step(&self, actions: &[f64], size: usize) -> Result<(), SimulationError> {
+        let count = self.shared.config.environments;
+        if actions.len() != count * size {
+            return Err(SimulationError::Action {
+                environment: actions.len() / size.max(1),
+                found: format!("{} components in all", actions.len()),
+                expected: format!("{count} environments of {size} components"),
+            });
+        }
+        if let Some(at) = actions.iter().position(|value| !value.is_finite()) {
+            return Err(SimulationError::Action {
+                environment: at / size,
+                found: format!("{} as component {}", actions[at], at % size),
+                expected: "finite numbers of -1 to 1".to_owned(),
+            });
+        }
+        let is_new = |episode: &Episode| episode.phase == Phase::New;
+        match self.environments.episode.iter().position(is_new) {
+            None => Ok(()),
+            Some(index) => Err(SimulationError::State(format!(
+                "a step before the first reset of environment {index}"
+            ))),
+        }
+    }
+
+    /// Puts the agent of an environment somewhere, as physics outside of this world does. A state
+    /// that is not finite is not taken over: the next step ends the episode with
+    /// [`EndReason::PhysicsFault`](crate::EndReason::PhysicsFault).
+    ///
+    /// # Errors
+    /// [`SimulationError::Setting`] for an environment, sector or level that does not exist and
+    /// for a sector of another recording, [`SimulationError::State`] where no episode is running.
+    pub fn place(
+        &mut self,
+        environment: usize,
+        sector: usize,
+        state: &AgentState,
+    ) -> Result<(), SimulationError> {
+        self.check_index(environment)?;
+        let terrains = &self.shared.terrains;
+        let frame = terrains[self.environments.sector[environment] as usize].frame;
+        let terrain = terrains
+            .get(sector)
+            .filter(|terrain| terrain.frame == frame);
+        let levels = terrain.map_or(0, |terrain| terrain.ground.levels().len());
+        if state.level >= levels {
+            return Err(SimulationError::Setting {
+                name: "place".to_owned(),
+                found: format!("level {} of sector {sector}", state.level),
+                expected: "a level of a sector of the same recording".to_owned(),
+            });
+        }
+        if !self.environments.is_running(environment) {
+            return Err(SimulationError::State(format!(
+                "environment {environment} has no running episode to place an agent in"
+            )));
+        }
+        if !state.is_finite() {
+            self.environments.episode[environment].is_faulty = true;
+            return Ok(());
+        }
+        self.environments.state[environment] = *state;
+        self.environments.sector[environment] = sector as u32;
+        let shared = &self.shared;
+        let mut rows = rows(
+            shared,
+            &mut self.environments,
+            &mut self.result,
+            &mut self.observations,
+        );
+        report::report(shared, &mut rows.row(environment));
+        Ok(())
+    }
+
+    /// Configuration.
+    pub fn config(&self) -> &WorldConfig {
+        &self.shared.config
+    }
+
+    /// The scene.
+    pub fn scene(&self) -> &Arc<SceneData> {
+        &self.shared.scene
+    }
+
+    /// Number of environments.
+    pub fn environments(&self) -> usize {
+        self.shared.config.environments
+    }
+
+    /// Agents, one per environment.
+    pub fn states(&self) -> &[AgentState] {
+        &self.environments.state
+    }
+
+    /// Results of the last step or reset.
+    pub fn result(&self) -> &StepResult {
+        &self.result
+    }
+
+    /// Observation vectors of all environments, one after the other.
+    pub fn observations(&self) -> &[f32] {
+        &self.observations
+    }
+
+    /// Named parts of an observation vector.
+    pub fn observation_fields(&self) -> &[ObservationField] {
+        &self.shared.layout.fields
+    }
+
+    /// Least and greatest value of each element of an observation vector.
+    pub fn observation_bounds(&self) -> (&[f32], &[f32]) {
+        (&self.shared.layout.low, &self.shared.layout.high)
+    }
+
+    /// Whether an environment has ended and waits for a reset, or had none yet.
+    ///
+    /// # Panics
+    /// Without such an environment.
+    pub fn has_ended(&self, environment: usize) -> bool {
+        !self.environments.is_running(environment)
+    }
+
+    /// Sector of the camera of an environment, and its pose in it.
+    ///
+    /// # Panics
+    /// Without such an environment.
+    pub fn world_from_camera(&self, environment: usize) -> (usize, RigidTransform) {
+        let kept = &self.environments;
+        let world_from_body = kept.state[environment].world_from_body();
+        let pose = world_from_body * kept.body_from_camera[environment];
+        (kept.sector[environment] as usize, pose)
+    }
+
+    /// Seed of an environment and number of its episode: the key of its random numbers.
+    ///
+    /// # Panics
+    /// Without such an environment.
+    pub fn random_key(&self, environment: usize) -> (u64, u64) {
+        let episode = &self.environments.episode[environment];
+        (episode.seed, episode.number)
+    }
+
+    /// Latency of images in the episode of an environment, s.
+    ///
+    /// # Panics
+    /// Without such an environment.
+    pub fn latency_s(&self, environment: usize) -> f64 {
+        self.environments.episode[environment].drawn.latency_s
+    }
+
+    pub(crate) fn check_index(&self, environment: usize) -> Result<(), SimulationError> {
+        let count = self.shared.config.environments;
+        if environment < count {
+            return Ok(());
+        }
+        Err(SimulationError::Setting {
+            name: "environment".to_owned(),
+            found: environment.to_string(),
+            expected: format!("less than {count}"),
+        })
+    }
+}
+
+fn rows<'a>(
+    shared: &Shared,
+    environments: &'a mut Environments,
+    result: &'a mut StepResult,
+    observations: &'a mut [f32],
+) -> Rows<'a> {
+    Rows::new(environments, result, observations, shared.layout.len())
+}
+
+/// Seed and number of the episode that a reset begins.
+fn next_episode(episode: &Episode, seed: Option<u64>) -> (u64, u64) {
+    match (seed, episode.phase) {
+        (Some(seed), _) => (seed, 0),
+        (None, Phase::New) => (episode.seed, 0),
+        (None, _) => (episode.seed, episode.number + 1),
+    }
+}
+
+/// First states of all environments; of several errors that of the first.
+fn begin_all(
+    begins: &mut [Option<Begin>],
+    begin: &(impl Fn((usize, &mut Option<Begin>)) -> Result<(), SimulationError> + Sync),
+) -> Result<(), SimulationError> {
+    fn of(
+        first: usize,
+        begins: &mut [Option<Begin>],
+        begin: &(impl Fn((usize, &mut Option<Begin>)) -> Result<(), SimulationError> + Sync),
+    ) -> Result<(), SimulationError> {
+        /// Resets take longer than steps.
+        const CHUNK: usize = 4;
+        if begins.len() <= CHUNK {
+            let numbers = first..;
+            return numbers.zip(begins).try_for_each(begin);
+        }
+        let middle = begins.len() / 2;
+        let (a, b) = begins.split_at_mut(middle);
+        let (a, b) = rayon::join(|| of(first, a, begin), || of(first + middle, b, begin));
+        a.and(b)
+    }
+    of(0, begins, begin)
+}
+
+#[cfg(test)]
+pub(crate) mod tests;
