@@ -1,15 +1,16 @@
 //! Figures of the ground of a scene: how much of it can be walked on, where the recorded path
-//! crosses what is not known, and what look-ups, motion and distances cost.
+//! crosses what is not known, and what look-ups, motion and distances cost
+//! (processor time, the least of five runs).
 //!
 //! `cargo run -p simulation --example ground_figures -- walk.scene`
 
 use std::sync::Arc;
-use std::time::Instant;
 
 use counter_random::uniform;
 use simulation::testing::SyntheticScene;
 use simulation::{
-    AgentConfig, AgentState, Cover, DistanceField, Drive, Ground, SceneData, Sector, advance,
+    AgentConfig, AgentState, Cover, DistanceField, Drive, Ground, Playback, SceneData, Sector,
+    advance,
 };
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -20,13 +21,21 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     };
     let sector = &scene.sectors[0];
     let levels = sector.levels.as_ref().ok_or("no maps")?;
-    let begin = Instant::now();
+    let begin_s = processor_s();
     let ground = Ground::new(levels.to_vec(), &agent)?;
-    println!("ground: {:.1} ms", 1e3 * begin.elapsed().as_secs_f64());
+    println!("ground: {:.1} ms", 1e3 * (processor_s() - begin_s));
     let free = report_cells(&ground);
     report_path(&ground, sector);
+    report_follower(&ground, &agent, sector);
     report_costs(&ground, &agent, &free);
     Ok(())
+}
+
+/// Processor time of this thread, s: the first number of its schedstat, ns. 0 where there is none.
+fn processor_s() -> f64 {
+    let text = std::fs::read_to_string("/proc/thread-self/schedstat").unwrap_or_default();
+    let first = text.split_whitespace().next();
+    1e-9 * first.and_then(|ns| ns.parse().ok()).unwrap_or(0.0)
 }
 
 /// Cells by what they are; returns the centers of those where the agent can be.
@@ -92,16 +101,76 @@ fn report_path(ground: &Ground, sector: &Sector) {
     for (what, count, at) in runs {
         println!("path: {count} poses from {at:.2?}: {what}");
     }
-    for contact in &sector.recording.contacts {
-        let at = contact.world_from_foot.translation_m();
-        let surface = ground.surface([at[0], at[1]], at[2]);
-        println!(
-            "contact {:?} at {at:.2?}, {} ns: ground {:?}",
-            contact.foot,
-            contact.events[0].time_ns,
-            surface.map(|s| s.height_m - at[2])
-        );
+    let contacts = &sector.recording.contacts;
+    let off_m: Vec<f64> = contacts
+        .iter()
+        .filter_map(|contact| {
+            let [x, y, z] = contact.world_from_foot.translation_m();
+            Some((ground.surface([x, y], z)?.height_m - z).abs())
+        })
+        .collect();
+    println!(
+        "contacts: {} of {} have ground below, at most {:.4} m from it",
+        off_m.len(),
+        contacts.len(),
+        off_m.iter().copied().fold(0.0, f64::max)
+    );
+}
+
+/// An agent that goes after the wearer from the first place with ground: how far it comes.
+fn report_follower(ground: &Ground, agent: &AgentConfig, sector: &Sector) {
+    let Some(trajectory) = &sector.recording.trajectory else {
+        return;
+    };
+    let playback = Playback::new(trajectory.clone(), sector.recording.contacts.clone());
+    let Some([first_ns, last_ns]) = playback.range_ns() else {
+        return;
+    };
+    const STEP_NS: i64 = 50_000_000;
+    let mut state: Option<AgentState> = None;
+    let (mut length_m, mut filled, mut steps, mut stops) = (0.0, 0, 0, 0);
+    let (mut pitch_rad, mut off_ground) = (0.0_f64, 0);
+    for time_ns in (first_ns..last_ns).step_by(STEP_NS as usize) {
+        let Some(now) = state else {
+            state = playback.state(ground, agent, time_ns);
+            if let Some(state) = state {
+                let late_s = 1e-9 * (time_ns - first_ns) as f64;
+                println!(
+                    "follower: begins at {:.2?}, {late_s:.2} s",
+                    state.position_m
+                );
+            }
+            continue;
+        };
+        let Some(target) = playback.at(time_ns + STEP_NS) else {
+            continue;
+        };
+        let to = target.world_from_rig.translation_m();
+        let off = [to[0] - now.position_m[0], to[1] - now.position_m[1]];
+        let (sine, cosine) = now.yaw_rad.sin_cos();
+        let scale = 1.0 / (1e-9 * STEP_NS as f64) / agent.max_speed_m_s;
+        let action = [
+            (off[0] * cosine + off[1] * sine) * scale,
+            (off[1] * cosine - off[0] * sine) * scale,
+            0.0,
+        ];
+        let motion = advance(ground, agent, Drive::Holonomic, &now, &action, 0.05);
+        steps += 1;
+        stops += usize::from(motion.blocked.is_some());
+        length_m += motion.distance_m;
+        let [x, y, z] = motion.state.position_m;
+        filled += usize::from(ground.surface([x, y], z).is_some_and(|s| s.is_filled));
+        pitch_rad = pitch_rad.max(motion.state.pitch_rad.abs());
+        off_ground += usize::from(!motion.state.is_on_ground);
+        state = Some(motion.state);
     }
+    let end = state.map(|state| state.position_m);
+    println!(
+        "follower: {steps} steps, {length_m:.2} m of {:.2} m, stopped in {stops}, on filled ground \
+         in {filled}, not on the ground in {off_ground}, pitch at most {pitch_rad:.3} rad, \
+         ends at {end:.2?}",
+        trajectory.path_length_m()
+    );
 }
 
 fn report_costs(ground: &Ground, agent: &AgentConfig, free: &[[f64; 3]]) {
@@ -120,11 +189,11 @@ fn report_costs(ground: &Ground, agent: &AgentConfig, free: &[[f64; 3]]) {
         let mut sum = 0.0;
         let mut best = f64::INFINITY;
         for _ in 0..5 {
-            let begin = Instant::now();
+            let begin_s = processor_s();
             for k in 0..places.len() {
                 sum += work(k);
             }
-            best = best.min(begin.elapsed().as_secs_f64() / places.len() as f64);
+            best = best.min((processor_s() - begin_s) / places.len() as f64);
         }
         println!("{name}: {:.0} ns (sum {sum:.3})", 1e9 * best);
     };
@@ -152,12 +221,9 @@ fn report_costs(ground: &Ground, agent: &AgentConfig, free: &[[f64; 3]]) {
         )
         .distance_m
     });
-    let begin = Instant::now();
+    let begin_s = processor_s();
     let field = DistanceField::new(ground, agent, free[free.len() / 3]);
-    println!(
-        "distance field: {:.1} ms",
-        1e3 * begin.elapsed().as_secs_f64()
-    );
+    println!("distance field: {:.1} ms", 1e3 * (processor_s() - begin_s));
     per("distance", &mut |k| {
         field.distance_m(places[k]).unwrap_or(0.0)
     });

@@ -89,7 +89,7 @@ impl World {
         }
         let is_of_task = match (episode.phase, episode.target, self.shared.config.task.task) {
             (Phase::New, ..) => true,
-            (_, Target::Goal { index }, Task::PointGoal) => {
+            (_, Target::Goal { index, .. }, Task::PointGoal) => {
                 (index as usize) < self.shared.goals.len()
             }
             (_, Target::Path { .. }, Task::FollowPath) => true,

@@ -34,6 +34,23 @@ use rows::{Environments, Rows};
 use shared::Shared;
 
 /// Environments with an agent each on one scene.
+///
+/// ```
+/// use simulation::testing::SyntheticScene;
+/// use simulation::{World, WorldConfig};
+///
+/// let scene = SyntheticScene::room()?.scene;
+/// let mut config = WorldConfig::default();
+/// config.environments = 4;
+/// let mut world = World::new(scene, config)?;
+/// world.reset(None, None)?;
+/// // Speed and yaw rate of each of the four agents.
+/// let result = world.step(&[0.5, 0.1, 0.5, -0.1, 1.0, 0.0, 0.0, 1.0])?;
+/// assert_eq!(result.rewards.len(), 4);
+/// let ended: Vec<bool> = (0..4).map(|environment| world.has_ended(environment)).collect();
+/// world.reset(Some(&ended), None)?;
+/// # Ok::<(), simulation::SimulationError>(())
+/// ```
 #[derive(Debug)]
 pub struct World {
     pub(crate) shared: Shared,
@@ -176,8 +193,8 @@ impl World {
     /// [`EndReason::PhysicsFault`](crate::EndReason::PhysicsFault).
     ///
     /// # Errors
-    /// [`SimulationError::Setting`] for an environment, sector or level that does not exist,
-    /// [`SimulationError::State`] where no episode is running.
+    /// [`SimulationError::Setting`] for an environment, sector or level that does not exist and
+    /// for a sector of another recording, [`SimulationError::State`] where no episode is running.
     pub fn place(
         &mut self,
         environment: usize,
@@ -185,13 +202,17 @@ impl World {
         state: &AgentState,
     ) -> Result<(), SimulationError> {
         self.check_index(environment)?;
-        let terrain = self.shared.terrains.get(sector);
+        let terrains = &self.shared.terrains;
+        let frame = terrains[self.environments.sector[environment] as usize].frame;
+        let terrain = terrains
+            .get(sector)
+            .filter(|terrain| terrain.frame == frame);
         let levels = terrain.map_or(0, |terrain| terrain.ground.levels().len());
         if state.level >= levels {
             return Err(SimulationError::Setting {
                 name: "place".to_owned(),
                 found: format!("level {} of sector {sector}", state.level),
-                expected: "a level and a sector of the scene".to_owned(),
+                expected: "a level of a sector of the same recording".to_owned(),
             });
         }
         if !self.environments.is_running(environment) {

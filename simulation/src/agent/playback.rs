@@ -107,7 +107,7 @@ impl Playback {
         let before = &poses[next.checked_sub(1)?];
         let is_usable = |pose: &Pose| pose.status != Status::Lost;
         if before.time_ns == time_ns {
-            let found = (before.world_from_rig.clone(), before.velocity_in_world);
+            let found = (before.world_from_rig, before.velocity_in_world);
             return is_usable(before).then_some(found);
         }
         let after = poses.get(next)?;

@@ -135,7 +135,7 @@ fn bridge(
     let mut squares = 0.0;
     for [x, y, z] in points {
         let residual_m = (z - bridge.height_m([x, y])).abs();
-        if !(residual_m <= agent.max_residual_m) {
+        if !residual_m.is_finite() || residual_m > agent.max_residual_m {
             return None;
         }
         squares += residual_m * residual_m;

@@ -76,18 +76,18 @@ pub(super) fn write_episode(writer: &mut Writer, episode: &Episode) {
         writer.f64(value);
     }
     match target {
-        Target::Goal { index } => {
+        Target::Goal { index, position_m } => {
             writer.u8(0);
-            writer.u64(u64::from(index));
+            writer.u32(index);
+            for value in position_m {
+                writer.f64(value);
+            }
         }
         Target::Path { along_m } => {
             writer.u8(1);
             writer.f64(along_m);
         }
-        Target::Command => {
-            writer.u8(2);
-            writer.u64(0);
-        }
+        Target::Command => writer.u8(2),
     }
     for value in [first_m, remaining_m, path_length_m] {
         writer.f64(value);
@@ -114,18 +114,14 @@ pub(super) fn read_episode(reader: &mut Reader<'_>) -> Result<Episode, Simulatio
         *value = reader.f64()?;
     }
     let target = match reader.u8()? {
-        0 => {
-            let index = reader.u64()?;
-            let index = u32::try_from(index).map_err(|_| damaged(&format!("goal {index}")))?;
-            Target::Goal { index }
-        }
+        0 => Target::Goal {
+            index: reader.u32()?,
+            position_m: three(reader)?,
+        },
         1 => Target::Path {
             along_m: reader.f64()?,
         },
-        2 => {
-            reader.u64()?;
-            Target::Command
-        }
+        2 => Target::Command,
         other => return Err(damaged(&format!("the target {other}"))),
     };
     Ok(Episode {

@@ -49,8 +49,8 @@ pub(crate) enum Phase {
 /// What the agent is to do.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Target {
-    /// Reach the goal of this index.
-    Goal { index: u32 },
+    /// Reach the goal of this index, at a position in the frame of the agent's sector.
+    Goal { index: u32, position_m: [f64; 3] },
     /// Follow the path, of which it has walked so much.
     Path { along_m: f64 },
     /// Hold the command of the time.
@@ -142,7 +142,9 @@ fn target(
             let random = RandomStream::new(seed, number, Stream::Goal);
             let task = &shared.config.task;
             let chosen = goals::choose(&shared.goals, task, terrain.frame, position_m, &random);
-            chosen.map(|(index, remaining_m)| (Target::Goal { index }, remaining_m))
+            let (index, remaining_m) = chosen?;
+            let position_m = shared.goals[index as usize].position_m;
+            Some((Target::Goal { index, position_m }, remaining_m))
         }
         Task::FollowPath => {
             let along_m = terrain.path.nearest(position_m)?.along_m;
@@ -162,6 +164,34 @@ pub(crate) fn reset(shared: &Shared, row: &mut Row<'_>, begin: &Begin) {
     *row.body_from_camera = begin.episode.drawn.body_from_camera(&shared.mount);
     row.clear_step();
     report(shared, row);
+}
+
+/// Takes an agent over the edges to another sector, and its target with it.
+fn cross(shared: &Shared, row: &mut Row<'_>) {
+    let mut unused_m = [0.0; 3];
+    let carried_m = match &mut row.episode.target {
+        Target::Goal { position_m, .. } => position_m,
+        _ => &mut unused_m,
+    };
+    let Some((sector, state)) = shared.cross(*row.sector, row.state, carried_m) else {
+        return;
+    };
+    let [from, to] = [*row.sector, sector].map(|sector| &shared.terrains[sector as usize]);
+    *row.sector = sector;
+    *row.state = state;
+    let episode = &mut *row.episode;
+    let Target::Path { along_m } = &mut episode.target else {
+        return;
+    };
+    if from.frame != to.frame
+        && let Some(position) = to.path.nearest(state.position_m)
+    {
+        // The path of the other recording goes on from here; that it does is no progress.
+        let remaining_m = to.path.length_m() - position.along_m;
+        *along_m = position.along_m;
+        episode.first_m += remaining_m - episode.remaining_m;
+        episode.remaining_m = remaining_m;
+    }
 }
 
 /// Components of an action at most.
@@ -201,10 +231,7 @@ pub(crate) fn step(shared: &Shared, row: &mut Row<'_>, action: &[f64]) {
     row.episode.steps += 1;
     row.episode.collisions += u32::from(motion.blocked.is_some());
     row.episode.path_length_m += motion.distance_m;
-    if let Some((sector, state)) = shared.cross(*row.sector, row.state) {
-        *row.sector = sector;
-        *row.state = state;
-    }
+    cross(shared, row);
     let too_far = report_camera(shared, row);
     let (mut terms, is_success) = pursue(shared, row, motion.blocked.is_some());
     let tilt_cosine = libm::cos(row.state.pitch_rad) * libm::cos(row.state.roll_rad);

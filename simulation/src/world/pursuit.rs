@@ -21,21 +21,20 @@ pub(super) fn pursue(
     terms[3] = dt_s;
     let before_m = episode.remaining_m;
     let is_success = match &mut episode.target {
-        Target::Goal { index } => {
+        Target::Goal { index, position_m } => {
             let goal = &shared.goals[*index as usize];
             // In a sector of another recording distances to this goal are not known, as in a cell
-            // that cannot be reached: the last one remains.
-            let is_here = goal.frame == terrain.frame;
-            let distance_m = match is_here {
+            // from which it cannot be reached: the last one remains.
+            let distance_m = match goal.frame == terrain.frame {
                 true => goal.field.distance_m(state.position_m),
                 false => None,
             };
             if let Some(distance_m) = distance_m {
                 episode.remaining_m = distance_m;
             }
-            let is_level = (goal.position_m[2] - state.position_m[2]).abs()
-                <= config.task.max_goal_height_m.max(radius_m);
-            is_here && is_level && horizontal_m(goal.position_m, state.position_m) < radius_m
+            let height_m = (position_m[2] - state.position_m[2]).abs();
+            let is_level = height_m <= config.task.max_goal_height_m.max(radius_m);
+            is_level && horizontal_m(*position_m, state.position_m) < radius_m
         }
         Target::Path { along_m } => {
             let length_m = terrain.path.length_m();

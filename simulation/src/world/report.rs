@@ -47,10 +47,7 @@ pub(super) fn report_numbers(shared: &Shared, row: &mut Row<'_>) {
     let (config, state) = (&shared.config, &*row.state);
     let terrain = &shared.terrains[*row.sector as usize];
     let target = match episode.target {
-        Target::Goal { index } => {
-            let goal = shared.goals.get(index as usize);
-            goal.map_or([0.0; 2], |goal| polar(state, goal.position_m))
-        }
+        Target::Goal { position_m, .. } => polar(state, position_m),
         Target::Path { along_m } => {
             let ahead = terrain.path.at(along_m + config.task.lookahead_m);
             ahead.map_or([0.0; 2], |point| polar(state, point))

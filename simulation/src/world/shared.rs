@@ -13,7 +13,7 @@ use crate::episode::start::candidates::Candidates;
 use crate::episode::task::goals::Goal;
 use crate::ground::{Cover, Ground};
 use crate::reference_poses::{Deviation, DeviationConfig, ReferencePoses};
-use crate::scene::{Area, Place, SceneData, Sector};
+use crate::scene::{Area, SceneData, Sector};
 
 /// A sector, as agents on the ground use it.
 #[derive(Debug)]
@@ -86,22 +86,38 @@ impl Shared {
         (Some(deviation), support_db)
     }
 
-    /// The sector and state of an agent after the edges that it crosses, if it does.
-    pub(crate) fn cross(&self, sector: u32, state: &AgentState) -> Option<(u32, AgentState)> {
+    /// The edges over which an agent leaves its sector, if it does: the sector and state after
+    /// them. A position that is given is carried along.
+    pub(crate) fn cross(
+        &self,
+        from: u32,
+        state: &AgentState,
+        carried_m: &mut [f64; 3],
+    ) -> Option<(u32, AgentState)> {
         if self.terrains.len() == 1 {
             return None;
         }
-        self.scene.leaves(sector as usize, state.position_m)?;
-        let place = self.scene.cross(&Place {
-            sector: sector as usize,
-            sector_from_body: state.world_from_body(),
-        });
-        let [from, to] = [sector as usize, place.sector].map(|s| &self.terrains[s]);
-        if from.frame == to.frame {
-            return Some((place.sector as u32, *state));
+        let mut sector = from as usize;
+        let mut sector_from_body = state.world_from_body();
+        // A fast agent may pass through a small sector in one step.
+        for _ in 0..self.terrains.len() {
+            let at_m = sector_from_body.translation_m();
+            let Some(edge) = self.scene.leaves(sector, at_m) else {
+                break;
+            };
+            sector = edge.to;
+            sector_from_body = edge.to_from_here.carry(&sector_from_body);
+            *carried_m = edge.to_from_here.apply(*carried_m);
         }
-        let [x, y, z] = place.sector_from_body.translation_m();
-        let [forward_x, forward_y, _] = place.sector_from_body.rotate([1.0, 0.0, 0.0]);
+        if sector == from as usize {
+            return None;
+        }
+        let to = &self.terrains[sector];
+        if to.frame == self.terrains[from as usize].frame {
+            return Some((sector as u32, *state));
+        }
+        let [x, y, z] = sector_from_body.translation_m();
+        let [forward_x, forward_y, _] = sector_from_body.rotate([1.0, 0.0, 0.0]);
         let surface = to.ground.surface([x, y], z);
         let state = AgentState {
             position_m: [x, y, surface.map_or(z, |surface| surface.height_m)],
@@ -110,7 +126,7 @@ impl Shared {
             is_on_ground: surface.is_some(),
             ..*state
         };
-        Some((place.sector as u32, state))
+        Some((sector as u32, state))
     }
 }
 

@@ -33,6 +33,7 @@ mod render_speed;
 mod sim;
 mod sim_images;
 mod sim_render;
+mod sim_step;
 mod soak;
 mod splats;
 mod stamp;
@@ -105,6 +106,7 @@ const BENCHMARKS: &[(&str, Run)] = &[
     ("sim", sim::run),
     ("sim_images", sim_images::run),
     ("sim_render", sim_render::run),
+    ("sim_step", sim_step::run),
     ("soak", soak::run),
     ("splats", splats::run),
     ("sync", sync::run),

@@ -118,7 +118,10 @@ fn provoke(scene: &Arc<SceneData>, reasons: &[EndReason], ends: EndConfig) -> Wo
         position_m: goal_m,
         field: DistanceField::new(&terrain.ground, &world.shared.config.agent, goal_m),
     }];
-    world.environments.episode[0].target = environment::Target::Goal { index: 0 };
+    world.environments.episode[0].target = environment::Target::Goal {
+        index: 0,
+        position_m: goal_m,
+    };
     let state = AgentState {
         position_m,
         yaw_rad,
@@ -166,11 +169,10 @@ fn check(scene: &Arc<SceneData>, reasons: &[EndReason], ends: EndConfig) {
     let (state, camera) = (world.states()[0], world.world_from_camera(0));
     let observation = world.observations().to_vec();
     let mut alone = provoke(scene, &[], EndConfig::default());
-    alone.shared.goals = std::mem::take(&mut world.shared.goals);
+    alone.environments.episode[0].target = world.environments.episode[0].target;
     alone.place(0, 0, &state).unwrap();
     assert!(alone.observations() == observation, "{reasons:?}");
     assert_eq!(alone.world_from_camera(0), camera);
-    world.shared.goals = std::mem::take(&mut alone.shared.goals);
     // What ended does not change.
     if expected != EndReason::None {
         let path_length_m = world.result().path_length_m[0];

@@ -19,7 +19,7 @@ fn draws(randomization: RandomizationConfig, change: fn(&mut WorldConfig)) -> [V
             let drawn = &episode.drawn;
             draws[0].extend(state.position_m.map(f64::to_bits));
             draws[0].push(state.yaw_rad.to_bits());
-            let environment::Target::Goal { index } = episode.target else {
+            let environment::Target::Goal { index, .. } = episode.target else {
                 panic!("{:?}", episode.target);
             };
             draws[1].push(u64::from(index));

@@ -310,3 +310,36 @@ fn sectors_are_crossed_around_the_corridor() {
     }
     assert_eq!(sectors.len(), 4, "{sectors:?}");
 }
+
+#[test]
+fn goals_are_carried_over_edges() {
+    let scene = SyntheticScene::corridor_loop().unwrap().scene;
+    let mut config = config(40, Task::PointGoal);
+    config.end.time_limit_s = 100.0;
+    config.end.max_deviation_m = 100.0;
+    config.task.success_radius_m = 1e-6;
+    let mut world = World::new(scene, config).unwrap();
+    world.reset(None, None).unwrap();
+    let len = world.observation_bounds().0.len();
+    let mut crossings = 0;
+    for step in 0..400 {
+        let before: Vec<_> = (0..40)
+            .map(|i| (world.world_from_camera(i).0, i * len))
+            .collect();
+        let observed = world.observations().to_vec();
+        let actions: Vec<f64> = (0..80)
+            .map(|i| match i % 2 {
+                0 => 0.8,
+                _ => counter_random::uniform(9, i, step) - 0.5,
+            })
+            .collect();
+        world.step(&actions).unwrap();
+        for (i, (sector, first)) in before.into_iter().enumerate() {
+            // The distance to the goal changes by the way of a step, whatever the frame.
+            let change_m = (world.observations()[first] - observed[first]).abs();
+            assert!(world.has_ended(i) || change_m < 0.16, "{change_m}");
+            crossings += usize::from(world.world_from_camera(i).0 != sector);
+        }
+    }
+    assert!(crossings > 3, "{crossings}");
+}

@@ -1,0 +1,155 @@
+//! `sim_step`: steps per second of agents on the ground, without images.
+//!
+//! A step has everything that a learner needs: motion with collisions, height and tilt of the
+//! ground, deviation of the camera from recorded ones, reward, ends and the state observation with
+//! its scan of heights and its rays. Environments that end are reset; episodes are at most 50
+//! steps, so that at least 2 % of the steps are resets. Actions are random.
+//!
+//! 1. `throughput`: over 1 to 4096 environments and 1 and 2 threads, with latency of a call.
+//! 2. `memory`: resident memory, files and threads over 10^6 steps with changes of sectors.
+//! 3. `costs`: time of single look-ups.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use anyhow::{Context, Result, bail};
+use serde_json::{Map, Value, json};
+use simulation::testing::SyntheticScene;
+use simulation::{EndConfig, SceneData, Task, TaskConfig, World, WorldConfig};
+
+mod charts;
+mod costs;
+mod memory;
+mod throughput;
+
+use crate::{arguments, stamp};
+
+const PARTS: [&str; 3] = ["throughput", "memory", "costs"];
+/// Steps of an episode at most.
+const EPISODE_STEPS: f64 = 50.0;
+
+/// Runs the benchmark: `[--quick] [--only PART,...] [--scene PATH] [--out DIR]`.
+///
+/// # Errors
+/// Bad arguments, a scene that cannot be opened, or an I/O error. A missed target is a result and
+/// no error.
+pub(crate) fn run(args: &[String]) -> Result<()> {
+    let options = Options::parse(args)?;
+    fs::create_dir_all(&options.out)
+        .with_context(|| format!("making {}", options.out.display()))?;
+    let stamp = stamp::stamp("sim_step", args)?;
+    let scenes = scenes(&options.scene)?;
+    let mut report = Map::new();
+    report.insert("stamp".to_owned(), stamp);
+    for part in &options.parts {
+        let mut rows = Vec::new();
+        for (name, scene) in &scenes {
+            let found = match part.as_str() {
+                "throughput" => throughput::measure(scene, options.quick),
+                "memory" => memory::measure(scene, options.quick),
+                _ => costs::measure(scene, options.quick),
+            };
+            let found = found.with_context(|| format!("{part} on {name}"))?;
+            let row = json!({ "scene": name, "found": found });
+            println!("{row:#}");
+            rows.push(row);
+        }
+        report.insert(part.clone(), Value::Array(rows));
+    }
+    let path = options.out.join("sim_step.json");
+    let report = Value::Object(report);
+    fs::write(&path, format!("{report:#}\n"))
+        .with_context(|| format!("writing {}", path.display()))?;
+    if let Some(chart) = charts::throughput(&report) {
+        let path = options.out.join("sim-step.svg");
+        fs::write(&path, chart).with_context(|| format!("writing {}", path.display()))?;
+    }
+    Ok(())
+}
+
+/// Scenes with their names: a synthetic one of four sectors, and a reconstructed one.
+fn scenes(path: &Path) -> Result<Vec<(String, Arc<SceneData>)>> {
+    let synthetic = SyntheticScene::corridor_loop()?.scene;
+    let mut scenes = vec![("synthetic corridor".to_owned(), synthetic)];
+    match path.exists() {
+        true => {
+            let scene = SceneData::open(path)?;
+            scenes.push(("reconstructed walk".to_owned(), Arc::new(scene)));
+        }
+        false => eprintln!(
+            "no reconstructed scene, its rows are left out; `cargo xtask demo` makes {}",
+            path.display()
+        ),
+    }
+    Ok(scenes)
+}
+
+/// The world that all parts measure.
+fn world(scene: &Arc<SceneData>, environments: usize) -> Result<World> {
+    let dt_s = WorldConfig::default().dt_s;
+    let mut task = TaskConfig::default();
+    task.task = Task::PointGoal;
+    let mut end = EndConfig::default();
+    end.time_limit_s = EPISODE_STEPS * dt_s;
+    let config = WorldConfig {
+        environments,
+        seed: 1,
+        end,
+        task,
+        ..WorldConfig::default()
+    };
+    let mut world = World::new(scene.clone(), config)?;
+    world.reset(None, None)?;
+    Ok(world)
+}
+
+/// Random actions of many steps, so that making them is not measured.
+fn actions(environments: usize) -> Vec<Vec<f64>> {
+    const STEPS: usize = 16;
+    let draw = |index: usize| {
+        let value = counter_random::uniform(1, 2, index as u64);
+        // Rather ahead than back.
+        match index % 2 {
+            0 => 1.6 * value - 0.6,
+            _ => 2.0 * value - 1.0,
+        }
+    };
+    let of_step = |step: usize| {
+        let first = step * 2 * environments;
+        (first..first + 2 * environments).map(draw).collect()
+    };
+    (0..STEPS).map(of_step).collect()
+}
+
+struct Options {
+    quick: bool,
+    parts: Vec<String>,
+    scene: PathBuf,
+    out: PathBuf,
+}
+
+impl Options {
+    fn parse(args: &[String]) -> Result<Self> {
+        let mut options = Self {
+            quick: false,
+            parts: PARTS.map(str::to_owned).to_vec(),
+            scene: PathBuf::from("target/demo/walk.scene"),
+            out: PathBuf::from("docs/benchmarks"),
+        };
+        let mut rest = args.iter();
+        while let Some(argument) = rest.next() {
+            match argument.as_str() {
+                "--quick" => options.quick = true,
+                "--only" => options.parts = arguments::parts(rest.next(), &PARTS)?,
+                "--scene" => options.scene = rest.next().context("--scene needs a path")?.into(),
+                "--out" => options.out = rest.next().context("--out needs a folder")?.into(),
+                other => bail!(
+                    "unknown argument {other:?}, expected --quick, --only PARTS, --scene PATH or \
+                     --out DIR"
+                ),
+            }
+        }
+        Ok(options)
+    }
+}

@@ -1,0 +1,33 @@
+//! Steps take no memory.
+
+use counting_allocator::{CountingAllocator, peak_of};
+use simulation::testing::SyntheticScene;
+use simulation::{Task, World, WorldConfig};
+
+#[global_allocator]
+static ALLOCATOR: CountingAllocator = CountingAllocator;
+
+#[test]
+fn steps_allocate_nothing() {
+    let scene = SyntheticScene::room().unwrap().scene;
+    for task in [Task::PointGoal, Task::FollowPath, Task::Velocity] {
+        // So few environments that all are advanced by this thread.
+        let mut config = WorldConfig::default();
+        config.environments = 16;
+        config.task.task = task;
+        config.task.goals = 2;
+        let mut world = World::new(scene.clone(), config).unwrap();
+        world.reset(None, None).unwrap();
+        let actions: Vec<f64> = (0..32).map(|i| 0.06 * f64::from(i) - 0.9).collect();
+        let (moved, bytes) = peak_of(|| {
+            let mut moved = 0.0;
+            for _ in 0..200 {
+                let result = world.step(&actions).unwrap();
+                moved += result.path_length_m.iter().sum::<f32>();
+            }
+            moved
+        });
+        assert_eq!(bytes, 0, "{task:?}");
+        assert!(moved > 100.0, "{task:?}: {moved}");
+    }
+}
