@@ -52,7 +52,8 @@ pub struct SectorGaussians {
 /// let room = SyntheticScene::room()?;
 /// let store = GaussianStore::new(room.scene.clone(), ResidencyConfig::default());
 /// let content = store.content(0)?;
-/// assert_eq!(content.exact.splats.len(), room.scene.sectors[0].gaussians.as_ref().unwrap().count());
+/// let gaussians = room.scene.sectors[0].gaussians.as_ref().unwrap();
+/// assert_eq!(content.exact.splats.len(), gaussians.count());
 /// assert_eq!(store.resident(), [0]);
 /// # Ok::<(), simulation::SimulationError>(())
 /// ```
