@@ -97,8 +97,8 @@ fn errors(case: &Case, found: &Alignment) -> [f64; 8] {
     ]
 }
 
-/// Exam 6.17: root mean square errors over seeds against the Cramér-Rao bound of the inliers that a
-/// perfect detector would keep.
+/// Exam 6.17: root mean square errors over seeds against the Cramér-Rao bound of the inliers that
+/// a perfect detector would keep.
 #[test]
 fn errors_are_within_one_and_a_half_of_the_bound() {
     for (model, scale) in [

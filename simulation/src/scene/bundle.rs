@@ -3,19 +3,19 @@
 //! All files of the outputs in [`USES`] are read once, which checks their hashes; no thread is
 //! started. Sectors are those of the output `splats`, in the world of the bundle, or one.
 
+mod recording;
+
 use std::path::Path;
 use std::sync::Arc;
 
-use cad_transforms::RigidTransform;
-use camera_models::Eye;
 use estimator_config::config;
-use scene_bundle::outputs::rig::RigModel;
 use scene_bundle::outputs::splats::{SplatScene, SplatSector};
 use scene_bundle::outputs::{self, maps};
 use scene_bundle::{BundleError, OutputReader, Scene};
 
+use self::recording::{cameras, references, view};
 use super::gaussians::{BundleGaussians, GaussianSource, indices_in_box};
-use super::sector::{Area, RecordedView, Recording, RecordingCamera, Sector, SectorEdge};
+use super::sector::{Area, Recording, Sector, SectorEdge};
 use super::similarity::Similarity;
 use super::{Missing, SceneData};
 use crate::error::SimulationError;
@@ -349,62 +349,6 @@ fn reach(sector: &SplatSector, record: &SplatScene, config: &BundleConfig) -> Re
     };
     let parts = (0..record.sectors.len()).filter(|part| is_near(&record.sectors[*part]));
     (min_m, max_m, parts.collect())
-}
-
-/// Both cameras of each stereo camera.
-fn cameras(rig: &RigModel) -> Vec<RecordingCamera> {
-    let both = rig.cameras.iter().flat_map(|camera| {
-        let rig_from_right = camera.rig_from_left * camera.right_from_left.inverse();
-        [
-            (Eye::Left, "left", camera.left, camera.rig_from_left),
-            (Eye::Right, "right", camera.right, rig_from_right),
-        ]
-        .map(|(eye, side, model, rig_from_camera)| RecordingCamera {
-            name: format!("{}/{side}", camera.name),
-            eye,
-            model,
-            rig_from_camera,
-            line_s: camera.line_s,
-        })
-    });
-    both.collect()
-}
-
-fn view(view: &outputs::splats::SplatView) -> RecordedView {
-    let side = match view.eye {
-        Eye::Left => "left",
-        Eye::Right => "right",
-    };
-    RecordedView {
-        camera: format!("{}/{side}", view.camera),
-        time_ns: view.time_ns,
-        world_from_camera: view.world_from_camera,
-        held_out_psnr_db: view.held_out.map(|held_out| held_out.psnr_db),
-    }
-}
-
-/// Poses of cameras of the training, or else those of the rig's left cameras along the trajectory.
-fn references(recording: &Recording) -> Vec<RigidTransform> {
-    if !recording.views.is_empty() {
-        let trained = recording
-            .views
-            .iter()
-            .filter(|view| view.held_out_psnr_db.is_none());
-        return trained.map(|view| view.world_from_camera).collect();
-    }
-    let poses = recording
-        .trajectory
-        .iter()
-        .flat_map(|trajectory| trajectory.usable());
-    let cameras = || {
-        recording
-            .cameras
-            .iter()
-            .filter(|camera| camera.eye == Eye::Left)
-    };
-    poses
-        .flat_map(|pose| cameras().map(|camera| pose.world_from_rig * camera.rig_from_camera))
-        .collect()
 }
 
 #[cfg(test)]

@@ -9,6 +9,7 @@
 mod shared;
 
 use std::collections::BTreeMap;
+use std::sync::atomic::{AtomicU32, Ordering};
 use std::sync::{Arc, Condvar, Mutex, PoisonError};
 use std::thread::JoinHandle;
 
@@ -48,16 +49,21 @@ pub struct SectorGaussians {
 /// use simulation::testing::SyntheticScene;
 /// use simulation::{GaussianStore, ResidencyConfig};
 ///
-/// let room = SyntheticScene::room()?; let store = GaussianStore::new(room.scene.clone(),
-/// ResidencyConfig::default()); let content = store.content(0)?;
-/// assert_eq!(content.exact.splats.len(),
-/// room.scene.sectors[0].gaussians.as_ref().unwrap().count()); assert_eq!(store.resident(), [0]);
+/// let room = SyntheticScene::room()?;
+/// let store = GaussianStore::new(room.scene.clone(), ResidencyConfig::default());
+/// let content = store.content(0)?;
+/// let gaussians = room.scene.sectors[0].gaussians.as_ref().unwrap();
+/// assert_eq!(content.exact.splats.len(), gaussians.count());
+/// assert_eq!(store.resident(), [0]);
 /// # Ok::<(), simulation::SimulationError>(())
 /// ```
 pub struct GaussianStore {
     shared: Arc<Shared>,
     config: ResidencyConfig,
     thread: Mutex<Option<Prefetcher>>,
+    /// Process of the thread, 0 before there is one. Checked before any lock, which the thread may
+    /// have held at a fork.
+    process: AtomicU32,
 }
 
 struct Prefetcher {
@@ -81,6 +87,7 @@ impl GaussianStore {
             }),
             config,
             thread: Mutex::new(None),
+            process: AtomicU32::new(0),
         }
     }
 
@@ -106,6 +113,7 @@ impl GaussianStore {
     /// [`SimulationError::Setting`] for an unknown sector, [`SimulationError::State`] in a child
     /// process of the one that used the store first. The store is then as before.
     pub fn update(&self, places: &[(usize, [f64; 3])]) -> Result<(), SimulationError> {
+        self.check_process()?;
         let scene = &self.shared.scene;
         let mut required: Vec<usize> = Vec::new();
         // By the nearest border first.
@@ -153,8 +161,10 @@ impl GaussianStore {
     /// # Errors
     /// [`SimulationError::Scene`] for a sector without Gaussians and for files that changed, also
     /// where they failed ahead; [`SimulationError::Budget`] if the sector does not fit beside those
-    /// of the last [`Self::update`]; [`SimulationError::Setting`] for an unknown sector.
+    /// of the last [`Self::update`]; [`SimulationError::Setting`] for an unknown sector;
+    /// [`SimulationError::State`] as for `update`.
     pub fn content(&self, sector: usize) -> Result<Arc<SectorGaussians>, SimulationError> {
+        self.check_process()?;
         self.check(sector)?;
         let mut state = self.shared.lock();
         loop {
@@ -210,6 +220,16 @@ impl GaussianStore {
         }
     }
 
+    /// Refuses a child process of the one that has the thread.
+    fn check_process(&self) -> Result<(), SimulationError> {
+        let process = self.process.load(Ordering::Acquire);
+        if process == 0 || process == std::process::id() {
+            return Ok(());
+        }
+        let text = "the store of Gaussians was used before a fork: open it in the child";
+        Err(SimulationError::State(text.to_owned()))
+    }
+
     fn check(&self, sector: usize) -> Result<(), SimulationError> {
         let count = self.shared.scene.sectors.len();
         match sector < count {
@@ -245,14 +265,8 @@ impl GaussianStore {
     /// Starts the thread that loads ahead.
     fn start(&self) -> Result<(), SimulationError> {
         let mut thread = self.thread.lock().unwrap_or_else(PoisonError::into_inner);
-        let process = std::process::id();
-        match &*thread {
-            Some(of) if of.process == process => return Ok(()),
-            Some(_) => {
-                let text = "the store of Gaussians was used before a fork: open it in the child";
-                return Err(SimulationError::State(text.to_owned()));
-            }
-            None => {}
+        if thread.is_some() {
+            return Ok(());
         }
         let (shared, budget_bytes) = (self.shared.clone(), self.config.budget_bytes);
         let builder = std::thread::Builder::new().name("prefetch".to_owned());
@@ -260,7 +274,9 @@ impl GaussianStore {
         let handle = handle.map_err(|error| {
             SimulationError::State(format!("no thread for loading sectors ahead: {error}"))
         })?;
+        let process = std::process::id();
         *thread = Some(Prefetcher { handle, process });
+        self.process.store(process, Ordering::Release);
         Ok(())
     }
 }

@@ -163,3 +163,21 @@ fn unknown_sectors_are_errors() {
         Err(SimulationError::Setting { .. })
     ));
 }
+
+#[test]
+fn a_store_with_a_thread_is_refused_in_a_child_process() {
+    let scene = corridor();
+    let (store, _) = counting(&scene, 4);
+    let places = [(0, [6.0, 1.0, 0.0])];
+    store.update(&places).unwrap();
+    store.wait_for_prefetch();
+    // What a child sees: the thread belongs to another process.
+    store
+        .process
+        .store(std::process::id() + 1, Ordering::SeqCst);
+    assert!(matches!(store.content(0), Err(SimulationError::State(_))));
+    assert!(matches!(
+        store.update(&places),
+        Err(SimulationError::State(_))
+    ));
+}
