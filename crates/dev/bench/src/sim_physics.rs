@@ -82,7 +82,13 @@ pub(crate) fn run(args: &[String]) -> Result<()> {
                 }));
             }
             if has("walks") {
-                walked.extend(walks(&walk.name(), walk.kind.name(), &surface, &truth, &options)?);
+                walked.extend(walks(
+                    &walk.name(),
+                    walk.kind.name(),
+                    &surface,
+                    &truth,
+                    &options,
+                )?);
             }
         }
         if has("shape") {
@@ -123,6 +129,8 @@ fn walks(
             let row = json!({
                 "ground": ground,
                 "course": course.name,
+                "first_edge_m": course.before_m,
+                "from_footprints_m": course.away_m,
                 "shape": kind,
                 "mujoco": answer["mujoco"],
                 "outcome": outcome(found),
@@ -175,6 +183,7 @@ fn outcome(found: &Value) -> Value {
         "success": share("goal"),
         "fall": share("fall"),
         "time": share("time"),
+        "trunk_touched": found["scraped"],
         "mean_progress_m": progress.iter().sum::<f64>() / progress.len().max(1) as f64,
         "progress_m": progress,
     })
@@ -235,9 +244,9 @@ impl Options {
                 "--quick" => parsed.seeds = QUICK_SEEDS,
                 "--out" => parsed.out = rest.next().context("--out needs a folder")?.into(),
                 "--only" => parsed.parts = arguments::parts(rest.next(), &PARTS)?,
-                other => bail!(
-                    "unknown argument {other:?}, expected --quick, --only PARTS or --out DIR"
-                ),
+                other => {
+                    bail!("unknown argument {other:?}, expected --quick, --only PARTS or --out DIR")
+                }
             }
         }
         Ok(parsed)
