@@ -34,7 +34,7 @@ const GROUNDS: [usize; 2] = [0, 1];
 const SEEDS: usize = 20;
 const QUICK_SEEDS: usize = 3;
 /// Heights of single steps, cm.
-const STEPS_CM: [u32; 12] = [2, 4, 6, 8, 9, 10, 11, 12, 13, 14, 15, 17];
+const STEPS_CM: [u32; 8] = [4, 8, 10, 12, 13, 14, 15, 17];
 /// Farthest contact from the true surface, mm.
 pub(super) const CONTACT_GOAL_MM: f64 = 10.0;
 const SCRIPT: &str = "sim_physics/walk.py";

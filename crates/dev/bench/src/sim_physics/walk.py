@@ -12,8 +12,8 @@ import sys
 import numpy as np
 
 FALL, TIME = "fall", "time"
-# The robot gets three times as long as its command needs.
-PATIENCE = 3.0
+# The robot gets twice as long as its command needs.
+PATIENCE = 2.0
 
 
 def courses(job):
