@@ -8,13 +8,14 @@ The robot is in Isaac's stage and not among our Gaussians. Where Isaac also rend
 puts it over our images by depth.
 
 Conventions: Isaac Lab has quaternions x y z w and images (N, H, W, C), rgb of 8 bits and depth along
-the optical axis in metres. Camera frames are `ros` (x right, y down, z forward, as ours), `opengl`
-(x right, y up, z backward) or `world` (x forward, y left, z up).
+the optical axis in metres. Its cameras give renderers axes of the convention `world` (x forward, y
+left, z up); there are also `ros` (x right, y down, z forward, as ours) and `opengl` (x right, y up,
+z backward).
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
@@ -101,26 +102,38 @@ class IsaacRenderer:
 
     `world_from_origin` (N, 3) are origins of Isaac's environments, which stand side by side while all
     see the same scene: they are subtracted from positions. `convention` is that of the quaternions.
-    `to_array` and `from_array` turn tensors into NumPy arrays and back; without them arrays stay
-    what they are.
+    Arrays are NumPy's, or have a view `torch` as Isaac Lab's have; images are copied to their device.
     """
 
     def __init__(
         self,
         cameras: Cameras,
         world_from_origin: np.ndarray | None = None,
-        convention: str = "ros",
-        to_array: Callable[[Any], np.ndarray] = np.asarray,
+        convention: str = "world",
     ):
         optical_poses(np.zeros((1, 3)), np.array([[0.0, 0.0, 0.0, 1.0]]), convention)
         self._cameras = cameras
         self._origins = None if world_from_origin is None else np.asarray(world_from_origin, float)
         self._convention = convention
-        self._to_array = to_array
 
-    def supported_output_types(self) -> dict[str, tuple[int, type]]:
-        """Types of images with their channels and kinds of numbers."""
-        return dict(OUTPUT_TYPES)
+    def initialize(self) -> None:
+        """Nothing is to be done once."""
+
+    def supported_output_types(self) -> dict[Any, Any]:
+        """Types of images with their channels and kinds of numbers: Isaac Lab's own classes, or
+        names and pairs where it is not installed."""
+        try:
+            import torch
+            from isaaclab.renderers.output_contract import RenderBufferKind, RenderBufferSpec
+        except ImportError:
+            return dict(OUTPUT_TYPES)
+        return {
+            RenderBufferKind(name): RenderBufferSpec(channels, getattr(torch, np.dtype(kind).name))
+            for name, (channels, kind) in OUTPUT_TYPES.items()
+        }
+
+    def prepare_cameras(self, stage: Any, spec: Any) -> None:
+        """Nothing: our cameras are not in the stage."""
 
     def prepare_stage(self, stage: Any, num_envs: int) -> None:
         """Checks that there is an origin for each environment. The stage stays as it is."""
@@ -129,21 +142,22 @@ class IsaacRenderer:
             raise ValueError(f"{len(self._origins)} origins for {num_envs} environments")
 
     def create_render_data(self, spec: Any) -> RenderData:
-        """Cameras of a sensor whose configuration has `width`, `height` and `data_types`.
+        """Cameras of a sensor whose `spec.cfg` has `width`, `height` and `data_types`.
 
         Raises ValueError for types that there are not.
         """
-        types = tuple(spec.data_types)
+        types = tuple(spec.cfg.data_types)
         unknown = [name for name in types if name not in OUTPUT_TYPES]
         if unknown:
             raise ValueError(f"no images of the types {unknown}, there are {list(OUTPUT_TYPES)}")
-        return RenderData(int(spec.width), int(spec.height), types)
+        return RenderData(int(spec.cfg.width), int(spec.cfg.height), types)
 
     def set_outputs(self, render_data: RenderData, output_data: dict[str, Any]) -> None:
         """Takes the arrays (N, H, W, C) that images are written into."""
         for name, array in output_data.items():
             if name not in render_data.types:
                 continue
+            array = getattr(array, "torch", array)
             expected = (render_data.height, render_data.width, OUTPUT_TYPES[name][0])
             if tuple(array.shape[1:]) != expected:
                 raise ValueError(f"{name}: images {tuple(array.shape[1:])}, expected {expected}")
@@ -164,7 +178,7 @@ class IsaacRenderer:
     ) -> None:
         """Poses of the next images: positions (N, 3) m, quaternions x y z w (N, 4), intrinsics
         (N, 3, 3) px."""
-        positions = np.asarray(self._to_array(positions), float)
+        positions = _numpy(positions)
         if self._origins is not None:
             if positions.shape != self._origins.shape:
                 raise ValueError(
@@ -172,9 +186,8 @@ class IsaacRenderer:
                     "environments with one camera each"
                 )
             positions = positions - self._origins
-        orientations = self._to_array(orientations)
-        poses = optical_poses(positions, orientations, self._convention)
-        intrinsics = np.asarray(self._to_array(intrinsics), float)
+        poses = optical_poses(positions, _numpy(orientations), self._convention)
+        intrinsics = _numpy(intrinsics)
         if intrinsics.shape != (len(poses), 3, 3):
             raise ValueError(f"intrinsics {intrinsics.shape}, expected ({len(poses)}, 3, 3)")
         render_data.world_from_camera = poses
@@ -196,7 +209,9 @@ class IsaacRenderer:
         render_data.rgb = np.asarray(images["rgb"])
         render_data.depth_m = np.asarray(images["depth"])
         for name, array in render_data.outputs.items():
-            array[...] = self._image(render_data, name)
+            image = self._image(render_data, name)
+            # A tensor makes its like on its own device.
+            array[...] = image if isinstance(array, np.ndarray) else array.new_tensor(image)
 
     def _image(self, render_data: RenderData, name: str) -> np.ndarray:
         if name == "rgb":
@@ -209,17 +224,31 @@ class IsaacRenderer:
             depth = depth * _ray_lengths(render_data)
         return depth[..., None].astype(np.float32)
 
-    def read_output(self, render_data: RenderData, name: str) -> np.ndarray:
-        """Images of a type of the last `render`, (N, H, W, C)."""
+    def read_output(self, render_data: RenderData, camera_data: Any) -> None:
+        """Nothing is left to copy: `render` wrote into the arrays of the camera's data.
+
+        Raises RuntimeError before the first `render`.
+        """
+        del camera_data
         if render_data.rgb is None:
             raise RuntimeError("read_output before render: there are no images")
-        return self._image(render_data, name)
 
     def cleanup(self, render_data: RenderData | None) -> None:
         """Lets go of the images of a sensor. A second call does nothing."""
         if render_data is not None:
             render_data.outputs.clear()
             render_data.rgb = render_data.depth_m = None
+
+    def close(self) -> None:
+        """Nothing: the scene's cameras belong to their maker."""
+
+
+def _numpy(array: Any) -> np.ndarray:
+    """Numbers of an array, of its view `torch`, or of a tensor on any device."""
+    array = getattr(array, "torch", array)
+    if hasattr(array, "detach"):
+        array = array.detach().cpu().numpy()
+    return np.asarray(array, float)
 
 
 def _ray_lengths(render_data: RenderData) -> np.ndarray:
