@@ -277,5 +277,80 @@ class Scenes(unittest.TestCase):
             mujoco_scene.scene_spec(self.folder / "absent")
 
 
+RISE, GOING = 0.15, 0.30
+STAIRS = """<mujoco model="terrain">
+  <default><default class="ground"><geom type="mesh"/></default></default>
+  <asset>{meshes}</asset>
+  <worldbody>{geoms}</worldbody>
+</mujoco>
+"""
+
+
+def write_stairs(folder):
+    """A plane at x < 0 and six treads, as prisms of 20 cm."""
+    meshes, geoms = "", ""
+    spans = [(-5.0, 0.0, 0.0)]
+    spans += [(i * GOING, (i + 1) * GOING, (i + 1) * RISE) for i in range(6)]
+    for number, (low, high, top) in enumerate(spans):
+        corners = [(x, y, z) for z in (top, top - 0.2) for x in (low, high) for y in (-1.5, 1.0)]
+        text = " ".join(f"{v}" for corner in corners for v in corner)
+        meshes += f'<mesh name="part_{number}" vertex="{text}"/>'
+        geoms += f'<geom name="ground_{number}" class="ground" mesh="part_{number}"/>'
+    (folder / "model.xml").write_text(STAIRS.format(meshes=meshes, geoms=geoms))
+
+
+def stand():
+    """A trunk on four feet, 10 cm above their centers."""
+    spec = mujoco.MjSpec()
+    body = spec.worldbody.add_body(name="base")
+    body.add_freejoint()
+    body.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, size=[0.08, 0.06, 0.02], density=500)
+    for i, (x, y) in enumerate([(1, 1), (1, -1), (-1, 1), (-1, -1)]):
+        body.add_geom(
+            name=f"foot_{i}",
+            type=mujoco.mjtGeom.mjGEOM_SPHERE,
+            size=[0.022, 0, 0],
+            pos=[0.08 * x, 0.06 * y, -0.1],
+        )
+    return spec
+
+
+@unittest.skipIf(mujoco is None, "MuJoCo is not installed")
+class Drops(unittest.TestCase):
+    """A box, a ball and a stand on a plane (2 mm) and on a tread (1 cm), and no tunnelling."""
+
+    BODIES = {
+        "box": (lambda: box((0.06, 0.08, 0.05)), [], 0.05),
+        "ball": (lambda: ball(0.05), ["foot"], 0.05),
+        "stand": (stand, [f"foot_{i}" for i in range(4)], 0.122),
+    }
+
+    def test_bodies_rest_where_they_should(self):
+        folder = tempfile.TemporaryDirectory()
+        self.addCleanup(folder.cleanup)
+        write_stairs(Path(folder.name))
+        places = [((-1.0, 0.2), 0.0, 2e-3), ((2.5 * GOING, -0.3), 3 * RISE, 1e-2)]
+        for name, (robot, feet, height) in self.BODIES.items():
+            spec = mujoco_scene.scene_spec(folder.name)
+            names = mujoco_scene.attach_robot(spec, robot(), feet)
+            scene = mujoco_scene.MujocoScene(spec, names, environments=1)
+            for (x, y), ground_m, tolerance in places:
+                for speed in (0.0, 5.0):
+                    with self.subTest(body=name, place=(x, y), speed=speed):
+                        data = scene.data[0]
+                        scene.reset(0, np.array([x, y, ground_m + height + 0.1, 1, 0, 0, 0]))
+                        data.qvel[2] = -speed
+                        lowest = math.inf
+                        for _ in range(1500):
+                            scene.step()
+                            lowest = min(lowest, data.qpos[2])
+                        # It sinks in while it is stopped, and does not pass.
+                        self.assertGreater(lowest, ground_m + height - 0.05)
+                        self.assertAlmostEqual(data.qpos[2], ground_m + height, delta=tolerance)
+                        if name != "ball":
+                            upright = data.xmat[1].reshape(3, 3)[2, 2]
+                            self.assertGreater(upright, math.cos(math.radians(0.5)))
+
+
 if __name__ == "__main__":
     unittest.main()
