@@ -40,6 +40,9 @@ pub(crate) fn run(install: bool, names: &[&str], arguments: &[OsString]) -> Resu
     if names.contains(&"gtsam") {
         environments.push(&python::GTSAM);
     }
+    if names.contains(&"sim_physics") {
+        environments.push(&python::PHYSICS);
+    }
     if names.contains(&"usd") {
         environments.push(&python::USD);
     }
