@@ -17,7 +17,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "python" / "paws_sim"))
 
 try:
     import mujoco
-    from physics import mujoco_scene
+    from physics import height_field, mujoco_scene
 except ImportError:
     mujoco = None
 
@@ -147,7 +147,7 @@ class Scenes(unittest.TestCase):
 
     def test_the_coarse_layer_is_never_below_the_fine_one(self):
         random = np.random.default_rng(1)
-        field = mujoco_scene.HeightField((0.0, 0.0), (0.04, 0.04), random.uniform(0, 1, (20, 31)))
+        field = height_field.HeightField((0.0, 0.0), (0.04, 0.04), random.uniform(0, 1, (20, 31)))
         coarse = field.upper_envelope(3)
         rows, columns = coarse.heights_m.shape
         self.assertEqual((rows, columns), (8, 11))

@@ -46,7 +46,10 @@ pub(super) fn export(scene: &Scene, out: &Path) -> Result<Summary, ExportError> 
     let mut description = description(&mesh);
     if let Some(shape) = &shape {
         let (parts, layers) = (shape.parts.len(), shape.layers.len());
-        let _ = write!(description, ", {parts} convex parts, {layers} height layers");
+        let _ = write!(
+            description,
+            ", {parts} convex parts, {layers} height layers"
+        );
     }
     let mut notes = vec![note("this USD mesh")];
     if !paths.is_empty() {

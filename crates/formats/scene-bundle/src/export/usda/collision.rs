@@ -15,7 +15,13 @@ pub(super) fn add(text: &mut String, shape: &Collision) {
     for (number, layer) in shape.layers.iter().enumerate() {
         let (vertices, triangles) = of_layer(layer);
         if !triangles.is_empty() {
-            mesh(text, &format!("layer_{number}"), "none", &vertices, &triangles);
+            mesh(
+                text,
+                &format!("layer_{number}"),
+                "none",
+                &vertices,
+                &triangles,
+            );
         }
     }
     text.push_str("    }\n");
