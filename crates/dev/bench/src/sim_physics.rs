@@ -6,7 +6,7 @@
 //!
 //! 1. `walks`: 20 seeds of 5 m over kerb and stairs, up and down. Success and progress on both
 //!    grounds, distance of contacts of the feet from the true surface.
-//! 2. `steps`: 20 seeds over one step of a height: which heights the gait manages.
+//! 2. `steps`: 20 seeds over one step and up a flight: which heights the gait manages.
 //! 3. `shape`: height of the collision shape under soles against the number of its parts.
 
 use std::fs;
@@ -33,8 +33,9 @@ const PARTS: [&str; 3] = ["walks", "steps", "shape"];
 const GROUNDS: [usize; 2] = [0, 1];
 const SEEDS: usize = 20;
 const QUICK_SEEDS: usize = 3;
-/// Heights of single steps, cm.
-const STEPS_CM: [u32; 8] = [4, 8, 10, 12, 13, 14, 15, 17];
+/// Numbers of steps, and their heights, cm. A flight is as long as that of the stairs.
+const STEPS_CM: [(usize, &[u32]); 2] = [(1, &[17, 20, 23]), (FLIGHT, &[6, 8, 10, 12, 14])];
+const FLIGHT: usize = 11;
 /// Farthest contact from the true surface, mm.
 pub(super) const CONTACT_GOAL_MM: f64 = 10.0;
 const SCRIPT: &str = "sim_physics/walk.py";
@@ -146,12 +147,17 @@ fn walks(
     Ok(rows)
 }
 
-/// Heights of single steps.
+/// Single steps and flights.
 fn steps(seeds: usize) -> Result<Vec<Value>> {
-    let jobs = STEPS_CM.map(|cm| json!({ "step_m": 0.01 * f64::from(cm), "seeds": seeds }));
-    let (answer, _) = ask(jobs.to_vec())?;
-    let rows = STEPS_CM.iter().zip(entries(&answer["jobs"]));
-    let rows = rows.map(|(cm, found)| json!({ "step_cm": cm, "outcome": outcome(found) }));
+    let all = STEPS_CM.iter();
+    let all = all.flat_map(|(count, heights)| heights.iter().map(move |cm| (*count, *cm)));
+    let all: Vec<(usize, u32)> = all.collect();
+    let job = |(count, cm): &(usize, u32)| json!({ "count": count, "step_m": 0.01 * f64::from(*cm), "seeds": seeds });
+    let (answer, _) = ask(all.iter().map(job).collect())?;
+    let rows = all.iter().zip(entries(&answer["jobs"]));
+    let rows = rows.map(
+        |((count, cm), found)| json!({ "steps": count, "step_cm": cm, "outcome": outcome(found) }),
+    );
     let rows: Vec<Value> = rows.collect();
     println!("{:#}", Value::Array(rows.clone()));
     Ok(rows)
@@ -192,7 +198,7 @@ fn outcome(found: &Value) -> Value {
 /// Distances of contact points from the true surface.
 fn contact_errors(found: &Value, truth: &Truth<'_>) -> Value {
     let runs = entries(&found["contacts"]).iter();
-    let points = runs.flat_map(|run| entries(run)).filter_map(|point| {
+    let points = runs.flat_map(entries).filter_map(|point| {
         let point: Vec<f64> = entries(point).iter().filter_map(Value::as_f64).collect();
         <[f64; 3]>::try_from(point).ok()
     });

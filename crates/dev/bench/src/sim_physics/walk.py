@@ -1,7 +1,7 @@
 """Robots that walk courses: JSON on standard input, JSON on standard output.
 
 `{"modules": FOLDER, "jobs": [{"model": FOLDER, "course": {...}, "seeds": N}]}` gives runs for each
-job; a job with `step_m` instead of a model has one step of that height on a plane.
+job; a job with `step_m` instead of a model has `count` steps of that height on a plane.
 """
 
 import json
@@ -14,6 +14,9 @@ import numpy as np
 FALL, TIME = "fall", "time"
 # The robot gets twice as long as its command needs.
 PATIENCE = 2.0
+# Steps as those of the simulator's stairs.
+FIRST_STEP_M = 1.5
+GOING_M = 0.29
 
 
 def courses(job):
@@ -24,14 +27,16 @@ def courses(job):
     scene.worldbody.add_geom(
         type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 0.05], contype=bits, conaffinity=0
     )
-    half = 0.5 * job["step_m"]
-    scene.worldbody.add_geom(
-        type=mujoco.mjtGeom.mjGEOM_BOX,
-        size=[5.0, 5.0, half],
-        pos=[1.5 + 5.0, 0.0, half],
-        contype=bits,
-        conaffinity=0,
-    )
+    for number in range(job["count"]):
+        low = FIRST_STEP_M + number * GOING_M
+        half = 0.5 * (number + 1) * job["step_m"]
+        scene.worldbody.add_geom(
+            type=mujoco.mjtGeom.mjGEOM_BOX,
+            size=[5.0, 5.0, half],
+            pos=[low + 5.0, 0.0, half],
+            contype=bits,
+            conaffinity=0,
+        )
     return scene, {"start": [0.0, 0.0, 0.0], "heading_rad": 0.0, "length_m": 5.0}
 
 
