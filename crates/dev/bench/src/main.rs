@@ -34,6 +34,7 @@ mod sim;
 mod sim_images;
 mod sim_render;
 mod sim_step;
+mod sim_physics;
 mod soak;
 mod splats;
 mod stamp;
@@ -107,6 +108,7 @@ const BENCHMARKS: &[(&str, Run)] = &[
     ("sim_images", sim_images::run),
     ("sim_render", sim_render::run),
     ("sim_step", sim_step::run),
+    ("sim_physics", sim_physics::run),
     ("soak", soak::run),
     ("splats", splats::run),
     ("sync", sync::run),

@@ -20,12 +20,12 @@ const WITH_READERS: [&str; 7] = [
     "tag_detectors",
 ];
 
-/// OpenUSD's validators on an export of the ground.
+/// OpenUSD and its validators on an export of the ground.
 const USD_TEST: [&str; 6] = [
     "test",
     "--locked",
     "--package=scene-bundle",
-    "open_usd_sees_the_mesh_and_no_problem",
+    "open_usd_sees",
     "--",
     "--show-output",
 ];
@@ -39,6 +39,9 @@ pub(crate) fn run(install: bool, names: &[&str], arguments: &[OsString]) -> Resu
     }
     if names.contains(&"gtsam") {
         environments.push(&python::GTSAM);
+    }
+    if names.contains(&"sim_physics") {
+        environments.push(&python::PHYSICS);
     }
     if names.contains(&"usd") {
         environments.push(&python::USD);

@@ -13,7 +13,7 @@ use crate::interop::python;
 use crate::sample::Sample;
 
 /// What a reader of the script sees, where it can run.
-fn seen(reader: &str, arguments: &Value) -> Option<Value> {
+pub(crate) fn seen(reader: &str, arguments: &Value) -> Option<Value> {
     let python = match reader {
         // Not among the packages of the tests, for its size.
         "usd" => match std::env::var_os("PAWS_USD_PYTHON") {
@@ -41,13 +41,13 @@ fn seen(reader: &str, arguments: &Value) -> Option<Value> {
     Some(seen)
 }
 
-fn exported(sample: &Sample, format: Format, name: &str) -> std::path::PathBuf {
+pub(crate) fn exported(sample: &Sample, format: Format, name: &str) -> std::path::PathBuf {
     let out = sample.out(name);
     export(&sample.scene(), format, &Options::default(), &out).unwrap();
     out
 }
 
-fn numbers(value: &Value) -> Vec<f64> {
+pub(crate) fn numbers(value: &Value) -> Vec<f64> {
     match value {
         Value::Array(values) => values.iter().flat_map(numbers).collect(),
         Value::Null => vec![f64::NAN],
@@ -56,7 +56,7 @@ fn numbers(value: &Value) -> Vec<f64> {
     }
 }
 
-fn assert_near(found: &[f64], expected: &[f64], tolerance: f64, what: &str) {
+pub(crate) fn assert_near(found: &[f64], expected: &[f64], tolerance: f64, what: &str) {
     assert_eq!(found.len(), expected.len(), "{what}");
     for (i, (found, expected)) in found.iter().zip(expected).enumerate() {
         let is_near = found == expected
@@ -208,7 +208,8 @@ fn balls_come_to_rest_on_the_ground_in_mujoco() {
 fn open_usd_sees_the_mesh_and_no_problem() {
     let sample = Sample::new();
     let path = exported(&sample, Format::Usda, "ground.usda");
-    let Some(seen) = seen("usd", &json!(path)) else {
+    let arguments = json!({ "path": path, "points": [] });
+    let Some(seen) = seen("usd", &arguments) else {
         return;
     };
     let mesh = ground::simplified();

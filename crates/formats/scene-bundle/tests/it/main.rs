@@ -11,6 +11,7 @@ mod ground_outputs;
 mod hostile;
 mod interop;
 mod outputs;
+mod physics_interop;
 mod sample;
 mod splats;
 mod tracks;
