@@ -55,10 +55,12 @@ impl Film {
     /// ```
     /// use charts::{Film, FilmFrame, Page, inspect};
     ///
-    /// let frame = FilmFrame { jpeg_base64: "/9g=".into(), caption: "start".into(),
-    /// ..FilmFrame::default() }; let film = Film { step_s: 0.1, size: [320, 180], frames:
-    /// vec![frame], map: None }; let page = Page::new("A walk").embed(&film.to_html("an
-    /// agent")).to_html(); assert!(page.contains("start")); assert_eq!(inspect(&page), Ok(()));
+    /// let frame = FilmFrame { caption: "start".into(), ..FilmFrame::default() };
+    /// let frames = vec![frame];
+    /// let film = Film { step_s: 0.1, size: [320, 180], frames, map: None };
+    /// let page = Page::new("A walk").embed(&film.to_html("an agent")).to_html();
+    /// assert!(page.contains("start"));
+    /// assert_eq!(inspect(&page), Ok(()));
     /// ```
     pub fn to_html(&self, name: &str) -> String {
         let Some(first) = self.frames.first() else {
