@@ -32,6 +32,7 @@ mod rectify;
 mod render_speed;
 mod sim;
 mod sim_images;
+mod sim_physics;
 mod soak;
 mod splats;
 mod stamp;
@@ -103,6 +104,7 @@ const BENCHMARKS: &[(&str, Run)] = &[
     ("render", render_speed::run),
     ("sim", sim::run),
     ("sim_images", sim_images::run),
+    ("sim_physics", sim_physics::run),
     ("soak", soak::run),
     ("splats", splats::run),
     ("sync", sync::run),

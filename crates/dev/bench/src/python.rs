@@ -9,11 +9,13 @@ use std::process::{Command, Stdio};
 use anyhow::{Context, Result, ensure};
 use serde_json::Value;
 
-/// Variables that name an interpreter: with OpenCV, GTSAM, Open3D, and a foreign renderer.
+/// Variables that name an interpreter: with OpenCV, GTSAM, Open3D, a foreign renderer, and MuJoCo
+/// with a robot that walks.
 pub(crate) const OPENCV: &str = "PAWS_PYTHON";
 pub(crate) const GTSAM: &str = "PAWS_GTSAM_PYTHON";
 pub(crate) const OPEN3D: &str = "PAWS_OPEN3D_PYTHON";
 pub(crate) const RENDERER: &str = "PAWS_RENDERER_PYTHON";
+pub(crate) const PHYSICS: &str = "PAWS_PHYSICS_PYTHON";
 
 /// The interpreter with OpenCV.
 ///

@@ -26,10 +26,10 @@ mod charts;
 pub(crate) mod keyframes;
 mod kitchen;
 mod open3d;
-mod parts;
-mod scores;
+pub(crate) mod parts;
+pub(crate) mod scores;
 pub(crate) mod surface;
-mod truth;
+pub(crate) mod truth;
 mod voxels;
 pub(crate) mod walks;
 

@@ -21,22 +21,22 @@ const CELL_M: f64 = 0.5;
 
 /// A point of the curve.
 #[derive(Clone, Copy, Debug, Serialize, Deserialize)]
-pub(super) struct Row {
+pub(crate) struct Row {
     /// Maximum area beyond what was observed, as a share of that of the part.
-    pub(super) uncovered_share: f64,
-    pub(super) parts: usize,
-    pub(super) parts_per_100_m2: f64,
+    pub(crate) uncovered_share: f64,
+    pub(crate) parts: usize,
+    pub(crate) parts_per_100_m2: f64,
     /// Collision surface above the true ground under soles.
-    pub(super) sole_height: Quantiles,
+    pub(crate) sole_height: Quantiles,
     /// Collision surface above the maps.
-    pub(super) map_p95_mm: f64,
+    pub(crate) map_p95_mm: f64,
     /// Points under soles without any surface.
-    pub(super) holes: usize,
-    pub(super) seconds: f64,
+    pub(crate) holes: usize,
+    pub(crate) seconds: f64,
 }
 
 /// The curve of a walk.
-pub(super) fn curve(surface: &Surface, truth: &Truth<'_>) -> Vec<Row> {
+pub(crate) fn curve(surface: &Surface, truth: &Truth<'_>) -> Vec<Row> {
     let usual = ConvexConfig::default();
     let row = |ratio: &f64| {
         let mut config = usual;

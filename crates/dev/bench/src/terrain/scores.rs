@@ -25,17 +25,17 @@ const CONTACT_SIGMA_M: f64 = 0.004;
 
 /// Quantiles, mm.
 #[derive(Clone, Copy, Debug, Default, Serialize, Deserialize)]
-pub(super) struct Quantiles {
-    pub(super) count: usize,
-    pub(super) median_mm: f64,
-    pub(super) p95_mm: f64,
-    pub(super) max_mm: f64,
+pub(crate) struct Quantiles {
+    pub(crate) count: usize,
+    pub(crate) median_mm: f64,
+    pub(crate) p95_mm: f64,
+    pub(crate) max_mm: f64,
     /// Mean with sign.
-    pub(super) mean_mm: f64,
+    pub(crate) mean_mm: f64,
 }
 
 impl Quantiles {
-    pub(super) fn of(errors: impl IntoIterator<Item = f64>) -> Self {
+    pub(crate) fn of(errors: impl IntoIterator<Item = f64>) -> Self {
         let own = ErrorQuantiles::of(errors);
         Self {
             count: own.count,

@@ -25,27 +25,27 @@ const CELL_M: f64 = 0.25;
 const REACH_M: f64 = 4.0;
 
 /// See the module.
-pub(super) struct Truth<'a> {
+pub(crate) struct Truth<'a> {
     simulation: &'a Simulation,
-    pub(super) footprints: Vec<Footprint>,
+    pub(crate) footprints: Vec<Footprint>,
     triangles: Vec<[Vector3<f64>; 3]>,
     /// Triangles by the columns that they touch.
     columns: HashMap<[i32; 2], Vec<u32>>,
-    pub(super) edges: Vec<Step>,
-    pub(super) planes: Vec<TruePlane>,
+    pub(crate) edges: Vec<Step>,
+    pub(crate) planes: Vec<TruePlane>,
 }
 
 /// A foot at rest.
-pub(super) struct Footprint {
+pub(crate) struct Footprint {
     /// Middle of the sole, m.
-    pub(super) middle: [f64; 3],
+    pub(crate) middle: [f64; 3],
     /// Points of the ground under the sole, m.
-    pub(super) ground: Vec<[f64; 3]>,
+    pub(crate) ground: Vec<[f64; 3]>,
 }
 
 /// Direction in which the walker crossed an edge.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Crossing {
+pub(crate) enum Crossing {
     Up,
     Down,
     Beside,
@@ -53,19 +53,19 @@ pub(super) enum Crossing {
 
 /// A step edge near the footsteps.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Step {
-    pub(super) edge: StepEdge,
-    pub(super) crossing: Crossing,
+pub(crate) struct Step {
+    pub(crate) edge: StepEdge,
+    pub(crate) crossing: Crossing,
 }
 
 /// Points of a plane near the footsteps.
-pub(super) struct TruePlane {
-    pub(super) plane: Plane,
-    pub(super) points: Vec<[f64; 3]>,
+pub(crate) struct TruePlane {
+    pub(crate) plane: Plane,
+    pub(crate) points: Vec<[f64; 3]>,
 }
 
 impl<'a> Truth<'a> {
-    pub(super) fn new(prepared: &'a Prepared) -> Self {
+    pub(crate) fn new(prepared: &'a Prepared) -> Self {
         let simulation = &*prepared.simulation;
         let [from, to] = prepared.walk.span_s;
         let mut falls: Vec<_> = [Side::Left, Side::Right]
@@ -209,7 +209,7 @@ impl<'a> Truth<'a> {
     }
 
     /// Centers of cells within a radius of footprints, each with the height of the nearest one.
-    pub(super) fn cells(&self, cell_m: f64, radius_m: f64) -> Vec<[f64; 3]> {
+    pub(crate) fn cells(&self, cell_m: f64, radius_m: f64) -> Vec<[f64; 3]> {
         let mut cells: HashMap<[i32; 2], (f64, f64)> = HashMap::new();
         let reach = (radius_m / cell_m).ceil() as i32;
         for print in &self.footprints {
@@ -239,12 +239,12 @@ impl<'a> Truth<'a> {
     }
 
     /// The ground at a place that is nearest below a height above a point, m.
-    pub(super) fn ground(&self, at: [f64; 3], above_m: f64) -> Option<f64> {
+    pub(crate) fn ground(&self, at: [f64; 3], above_m: f64) -> Option<f64> {
         ground(self.simulation, at, above_m)
     }
 
     /// Heights of surfaces of any kind at a place, m.
-    pub(super) fn surfaces(&self, [x, y]: [f64; 2]) -> impl Iterator<Item = f64> + '_ {
+    pub(crate) fn surfaces(&self, [x, y]: [f64; 2]) -> impl Iterator<Item = f64> + '_ {
         let cell = [x, y].map(|v| (v / CELL_M).floor() as i32);
         let numbers = self.columns.get(&cell).map_or(&[][..], Vec::as_slice);
         numbers.iter().filter_map(move |number| {
@@ -263,7 +263,7 @@ impl<'a> Truth<'a> {
     }
 
     /// Distance of a point from the nearest surface, m; up to 5 cm it is exact.
-    pub(super) fn distance(&self, x: [f64; 3]) -> f64 {
+    pub(crate) fn distance(&self, x: [f64; 3]) -> f64 {
         let cell = [x[0], x[1]].map(|v| (v / CELL_M).floor() as i32);
         let numbers = self.columns.get(&cell).map_or(&[][..], Vec::as_slice);
         numbers
@@ -295,7 +295,7 @@ fn is_part(edge: &StepEdge, longer: &StepEdge) -> bool {
 }
 
 /// Horizontal distance of a point from an edge, m.
-pub(super) fn horizontal_distance(edge: &StepEdge, x: [f64; 3]) -> f64 {
+pub(crate) fn horizontal_distance(edge: &StepEdge, x: [f64; 3]) -> f64 {
     let [from, to] = edge.ends.map(|end| end.xy());
     let (along, d) = (to - from, Vector3::from(x).xy() - from);
     let share = (along.dot(&d) / along.norm_squared()).clamp(0.0, 1.0);
@@ -303,7 +303,7 @@ pub(super) fn horizontal_distance(edge: &StepEdge, x: [f64; 3]) -> f64 {
 }
 
 /// Distance of a point from a triangle.
-pub(super) fn distance_to_triangle([a, b, c]: &[Vector3<f64>; 3], x: &Vector3<f64>) -> f64 {
+pub(crate) fn distance_to_triangle([a, b, c]: &[Vector3<f64>; 3], x: &Vector3<f64>) -> f64 {
     let normal = (b - a).cross(&(c - a));
     let square = normal.norm_squared();
     if square > 1e-18 {

