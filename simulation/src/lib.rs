@@ -5,13 +5,21 @@
 //! configuration and seed give the same bits on any number of threads and for any number of
 //! environments.
 
+mod agent;
+mod alignment;
 mod error;
+mod geodesic;
+mod ground;
 mod randomness;
 mod reference_poses;
 mod scene;
 pub mod testing;
 
+pub use agent::{AgentConfig, AgentState, Block, BlockReason, Drive, Footing, Motion, advance};
+pub use alignment::{Alignment, AlignmentConfig, AlignmentModel, align_points, align_trajectories};
 pub use error::SimulationError;
+pub use geodesic::DistanceField;
+pub use ground::{Cover, Ground, Surface};
 pub use randomness::{RandomStream, Stream};
 pub use reference_poses::{Deviation, DeviationConfig, ReferencePoses, SupportMap, SupportSample};
 pub use scene::{
