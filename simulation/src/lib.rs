@@ -7,16 +7,23 @@
 
 mod agent;
 mod alignment;
+mod episode;
 mod error;
 mod geodesic;
 mod ground;
 mod randomness;
 mod reference_poses;
 mod scene;
+mod snapshot;
 pub mod testing;
+mod world;
 
 pub use agent::{AgentConfig, AgentState, Block, BlockReason, Drive, Footing, Motion, advance};
 pub use alignment::{Alignment, AlignmentConfig, AlignmentModel, align_points, align_trajectories};
+pub use episode::{
+    EndConfig, EndReason, REWARD_TERMS, RandomizationConfig, RewardConfig, StartConfig, StartMode,
+    Task, TaskConfig,
+};
 pub use error::SimulationError;
 pub use geodesic::DistanceField;
 pub use ground::{Cover, Ground, Surface};
@@ -27,3 +34,5 @@ pub use scene::{
     RecordedView, Recording, RecordingCamera, ResidencyConfig, SceneData, Sector, SectorEdge,
     SectorGaussians, Similarity,
 };
+pub use snapshot::MAX_SNAPSHOT_BYTES;
+pub use world::{ObservationConfig, ObservationField, StepResult, World, WorldConfig, block_code};

@@ -12,7 +12,7 @@ use estimator_config::config;
 pub use support::{SupportMap, SupportSample};
 use tree::Tree;
 
-use crate::SimulationError;
+use crate::error::{SimulationError, check_positive};
 
 config! {
     /// What makes a recorded camera near.
@@ -23,6 +23,18 @@ config! {
         /// Angle of viewing directions that counts as one, rad. Source: PAWS augments views by at
         /// most 30 degrees.
         pub angle_rad: f64 = 0.523_598_775_598_298_9,
+    }
+}
+
+impl DeviationConfig {
+    pub(crate) fn check(&self) -> Result<(), SimulationError> {
+        check_positive("deviation.distance_m", self.distance_m)?;
+        check_positive("deviation.angle_rad", self.angle_rad)
+    }
+
+    /// Factors of positions and of viewing directions.
+    fn weights(&self) -> [f64; 2] {
+        [1.0 / self.distance_m, 1.0 / self.angle_rad]
     }
 }
 
@@ -56,28 +68,13 @@ pub struct Deviation {
 #[derive(Clone, Debug)]
 pub struct ReferencePoses {
     world_from_camera: Vec<RigidTransform>,
-    config: DeviationConfig,
     tree: Tree,
 }
 
 impl ReferencePoses {
-    /// Poses with the default [`DeviationConfig`].
-    ///
     /// # Errors
-    /// As [`Self::with_config`].
+    /// [`SimulationError::Scene`] without poses.
     pub fn new(world_from_camera: Vec<RigidTransform>) -> Result<Self, SimulationError> {
-        Self::with_config(world_from_camera, DeviationConfig::default())
-    }
-
-    /// Poses with another weight of distance and angle.
-    ///
-    /// # Errors
-    /// [`SimulationError::Scene`] without poses, [`SimulationError::Setting`] for weights that are
-    /// not positive.
-    pub fn with_config(
-        world_from_camera: Vec<RigidTransform>,
-        config: DeviationConfig,
-    ) -> Result<Self, SimulationError> {
         if world_from_camera.is_empty() {
             return Err(SimulationError::Scene {
                 place: "reference poses".to_owned(),
@@ -85,20 +82,10 @@ impl ReferencePoses {
                 expected: "at least one recorded camera pose".to_owned(),
             });
         }
-        for (name, value) in [
-            ("deviation.distance_m", config.distance_m),
-            ("deviation.angle_rad", config.angle_rad),
-        ] {
-            crate::error::check_positive(name, value)?;
-        }
-        let points = world_from_camera
-            .iter()
-            .map(|pose| coordinates(pose, &config))
-            .collect();
+        let points = world_from_camera.iter().map(coordinates).collect();
         Ok(Self {
             world_from_camera,
-            config,
-            tree: Tree::new(points),
+            tree: Tree::new(points, DeviationConfig::default().weights()),
         })
     }
 
@@ -107,11 +94,21 @@ impl ReferencePoses {
         &self.world_from_camera
     }
 
-    /// The nearest recorded pose: of least sum of squares of distance and viewing angle (its
-    /// chord), each in units of [`DeviationConfig`]. Of equal ones the first.
+    /// The nearest recorded pose by the default [`DeviationConfig`].
     pub fn nearest(&self, world_from_camera: &RigidTransform) -> Deviation {
-        let point = coordinates(world_from_camera, &self.config);
-        self.between(world_from_camera, self.tree.nearest(&point))
+        self.nearest_by(world_from_camera, &DeviationConfig::default())
+    }
+
+    /// The nearest recorded pose: of least sum of squares of distance and viewing angle (its
+    /// chord), each in units of the configuration. Of equal ones the first.
+    pub fn nearest_by(
+        &self,
+        world_from_camera: &RigidTransform,
+        config: &DeviationConfig,
+    ) -> Deviation {
+        let point = coordinates(world_from_camera);
+        let index = self.tree.nearest(&point, config.weights());
+        self.between(world_from_camera, index)
     }
 
     /// Difference of a camera and the recorded pose `index`.
@@ -142,12 +139,10 @@ pub(crate) fn viewing_direction(world_from_camera: &RigidTransform) -> [f64; 3] 
     world_from_camera.rotate([0.0, 0.0, 1.0])
 }
 
-/// Position and viewing direction in units of the configuration.
-fn coordinates(world_from_camera: &RigidTransform, config: &DeviationConfig) -> [f64; 6] {
-    let [x, y, z] = world_from_camera
-        .translation_m()
-        .map(|v| v / config.distance_m);
-    let [a, b, c] = viewing_direction(world_from_camera).map(|v| v / config.angle_rad);
+/// Position and viewing direction.
+fn coordinates(world_from_camera: &RigidTransform) -> [f64; 6] {
+    let [x, y, z] = world_from_camera.translation_m();
+    let [a, b, c] = viewing_direction(world_from_camera);
     [x, y, z, a, b, c]
 }
 

@@ -79,7 +79,10 @@ impl World {
         seeds: Option<&[u64]>,
     ) -> Result<(), SimulationError> {
         let count = self.shared.config.environments;
-        for (name, len) in [("mask", mask.map(<[_]>::len)), ("seeds", seeds.map(<[_]>::len))] {
+        for (name, len) in [
+            ("mask", mask.map(<[_]>::len)),
+            ("seeds", seeds.map(<[_]>::len)),
+        ] {
             if let Some(len) = len.filter(|len| *len != count) {
                 return Err(SimulationError::Setting {
                     name: name.to_owned(),
@@ -103,13 +106,17 @@ impl World {
         };
         begin_all(&mut self.begins, &begin)?;
         let begins = &self.begins;
-        rows(shared, &mut self.environments, &mut self.result, &mut self.observations).for_each(
-            &|index, row| {
-                if let Some(begin) = &begins[index] {
-                    environment::reset(shared, row, begin);
-                }
-            },
-        );
+        rows(
+            shared,
+            &mut self.environments,
+            &mut self.result,
+            &mut self.observations,
+        )
+        .for_each(&|index, row| {
+            if let Some(begin) = &begins[index] {
+                environment::reset(shared, row, begin);
+            }
+        });
         Ok(())
     }
 
@@ -126,12 +133,16 @@ impl World {
         let size = self.shared.config.drive.action_size();
         self.check_step(actions, size)?;
         let shared = &self.shared;
-        rows(shared, &mut self.environments, &mut self.result, &mut self.observations).for_each(
-            &|index, row| {
-                let action = &actions[index * size..(index + 1) * size];
-                environment::step(shared, row, action);
-            },
-        );
+        rows(
+            shared,
+            &mut self.environments,
+            &mut self.result,
+            &mut self.observations,
+        )
+        .for_each(&|index, row| {
+            let action = &actions[index * size..(index + 1) * size];
+            environment::step(shared, row, action);
+        });
         Ok(&self.result)
     }
 
@@ -195,8 +206,12 @@ impl World {
         self.environments.state[environment] = *state;
         self.environments.sector[environment] = sector as u32;
         let shared = &self.shared;
-        let mut rows =
-            rows(shared, &mut self.environments, &mut self.result, &mut self.observations);
+        let mut rows = rows(
+            shared,
+            &mut self.environments,
+            &mut self.result,
+            &mut self.observations,
+        );
         report::report(shared, &mut rows.row(environment));
         Ok(())
     }
@@ -333,4 +348,4 @@ fn begin_all(
 }
 
 #[cfg(test)]
-mod tests;
+pub(crate) mod tests;

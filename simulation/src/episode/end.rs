@@ -8,7 +8,7 @@ use estimator_config::config;
 
 use crate::SimulationError;
 use crate::error::check_range;
-use crate::reference_poses::Deviation;
+use crate::reference_poses::{Deviation, DeviationConfig};
 
 /// Why an episode ended. Codes below 10 terminate, others truncate, unless [`EndConfig`] says that
 /// one of them terminates.
@@ -90,9 +90,24 @@ impl EndConfig {
         let positive = [f64::MIN_POSITIVE, 1e9];
         for (name, value, range, expected) in [
             ("end.time_limit_s", self.time_limit_s, positive, "above 0"),
-            ("end.max_deviation_m", self.max_deviation_m, positive, "above 0"),
-            ("end.max_deviation_rad", self.max_deviation_rad, positive, "above 0"),
-            ("end.min_support_db", self.min_support_db, [0.0, 200.0], "0 to 200"),
+            (
+                "end.max_deviation_m",
+                self.max_deviation_m,
+                positive,
+                "above 0",
+            ),
+            (
+                "end.max_deviation_rad",
+                self.max_deviation_rad,
+                positive,
+                "above 0",
+            ),
+            (
+                "end.min_support_db",
+                self.min_support_db,
+                [0.0, 200.0],
+                "0 to 200",
+            ),
             ("end.max_tilt_rad", self.max_tilt_rad, positive, "above 0"),
         ] {
             check_range(name, value, range, expected)?;
@@ -110,6 +125,22 @@ impl EndConfig {
         }
     }
 
+    /// The limits as units of distance and angle: the recorded camera of least sum of squares in
+    /// them counts. Without a limit of the angle that is the nearest one, and of those at about
+    /// the same position the one that looks in the same direction.
+    pub(crate) fn units(&self) -> DeviationConfig {
+        /// Distance that a rad counts as, m: cameras of a rig are apart by this.
+        const NEARBY_M: f64 = 0.05;
+        let angle_rad = match self.max_deviation_rad < std::f64::consts::PI {
+            true => self.max_deviation_rad,
+            false => self.max_deviation_m / NEARBY_M,
+        };
+        DeviationConfig {
+            distance_m: self.max_deviation_m,
+            angle_rad,
+        }
+    }
+
     /// Whether a camera is too far from recorded ones.
     pub(crate) fn is_too_far(&self, deviation: &Deviation, support_db: f64) -> bool {
         deviation.distance_m > self.max_deviation_m
@@ -119,7 +150,11 @@ impl EndConfig {
 
     /// The reason of several that happened in one step: terminations first, then by precedence.
     pub(crate) fn choose(&self, has_happened: impl Fn(EndReason) -> bool) -> EndReason {
-        let happened = || EndReason::BY_PRECEDENCE.into_iter().filter(|r| has_happened(*r));
+        let happened = || {
+            EndReason::BY_PRECEDENCE
+                .into_iter()
+                .filter(|r| has_happened(*r))
+        };
         happened()
             .find(|reason| self.terminates(*reason))
             .or_else(|| happened().next())

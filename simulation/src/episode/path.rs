@@ -74,25 +74,37 @@ impl Path {
 
     /// The nearest position on the whole path.
     pub(crate) fn nearest(&self, at_m: [f64; 3]) -> Option<PathPosition> {
-        self.nearest_of(at_m, 0, self.points_m.len().checked_sub(1)?)
+        self.nearest_within(at_m, [0.0, self.length_m()])
     }
 
     /// The nearest position around a known one.
     pub(crate) fn follow(&self, at_m: [f64; 3], along_m: f64) -> Option<PathPosition> {
-        let first = self.piece(along_m - WINDOW_M[0]);
-        let end = self.piece(along_m + WINDOW_M[1]) + 1;
-        self.nearest_of(at_m, first, end.min(self.points_m.len().checked_sub(1)?))
+        self.nearest_within(at_m, [along_m - WINDOW_M[0], along_m + WINDOW_M[1]])
     }
 
-    fn nearest_of(&self, at_m: [f64; 3], first: usize, end: usize) -> Option<PathPosition> {
+    /// The nearest position between two lengths.
+    fn nearest_within(&self, at_m: [f64; 3], [from_m, to_m]: [f64; 2]) -> Option<PathPosition> {
+        if self.is_empty() {
+            return None;
+        }
         let mut best: Option<(f64, f64)> = None;
-        for piece in first..end {
+        for piece in self.piece(from_m)..=self.piece(to_m) {
             let (a, b) = (self.points_m[piece], self.points_m[piece + 1]);
             let along = [b[0] - a[0], b[1] - a[1]];
             let to = [at_m[0] - a[0], at_m[1] - a[1]];
             let squared = along[0] * along[0] + along[1] * along[1];
             let share = match squared > 0.0 {
-                true => ((to[0] * along[0] + to[1] * along[1]) / squared).clamp(0.0, 1.0),
+                true => {
+                    let share = (to[0] * along[0] + to[1] * along[1]) / squared;
+                    let length = self.lengths_m[piece + 1] - self.lengths_m[piece];
+                    let [low, high] =
+                        [from_m, to_m].map(|end| (end - self.lengths_m[piece]) / length);
+                    share
+                        .clamp(0.0, 1.0)
+                        .max(low)
+                        .min(high.max(low))
+                        .clamp(0.0, 1.0)
+                }
                 false => 0.0,
             };
             let offset = [to[0] - share * along[0], to[1] - share * along[1]];
@@ -115,7 +127,9 @@ impl Path {
     /// The piece that contains a length.
     fn piece(&self, along_m: f64) -> usize {
         let after = self.lengths_m.partition_point(|length| *length <= along_m);
-        after.saturating_sub(1).min(self.points_m.len().saturating_sub(2))
+        after
+            .saturating_sub(1)
+            .min(self.points_m.len().saturating_sub(2))
     }
 }
 

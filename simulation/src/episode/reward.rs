@@ -46,7 +46,16 @@ config! {
 
 impl RewardConfig {
     pub(crate) fn check(&self) -> Result<(), SimulationError> {
-        let [progress, goal, collision, time, cross_track, speed, yaw_rate, end] = self.weights();
+        let [
+            progress,
+            goal,
+            collision,
+            time,
+            cross_track,
+            speed,
+            yaw_rate,
+            end,
+        ] = self.weights();
         for (name, value) in [
             ("reward.progress", progress),
             ("reward.goal", goal),
@@ -60,7 +69,12 @@ impl RewardConfig {
             check_range(name, value, [-1e9, 1e9], "a finite number")?;
         }
         let positive = [f64::MIN_POSITIVE, 1e9];
-        check_range("reward.tracking_sigma", self.tracking_sigma, positive, "above 0")
+        check_range(
+            "reward.tracking_sigma",
+            self.tracking_sigma,
+            positive,
+            "above 0",
+        )
     }
 
     /// Weights in the order of [`REWARD_TERMS`].

@@ -7,11 +7,9 @@ pub(crate) mod candidates;
 
 use std::fmt::Write;
 
-use cad_transforms::RigidTransform;
 use estimator_config::config;
 use serde::{Deserialize, Serialize};
 
-use super::randomization::Drawn;
 use crate::SimulationError;
 use crate::agent::AgentState;
 use crate::error::check_range;
@@ -57,11 +55,36 @@ impl StartConfig {
     pub(crate) fn check(&self) -> Result<(), SimulationError> {
         let pi = std::f64::consts::PI;
         for (name, value, range, expected) in [
-            ("start.max_offset_m", self.max_offset_m, [0.0, 1e6], "at least 0"),
-            ("start.max_offset_rad", self.max_offset_rad, [0.0, pi], "0 to π"),
-            ("start.min_clearance_m", self.min_clearance_m, [0.0, 1e6], "at least 0"),
-            ("start.min_support_db", self.min_support_db, [0.0, 200.0], "0 to 200"),
-            ("start.max_tries", self.max_tries as f64, [1.0, 1e6], "1 to 1000000"),
+            (
+                "start.max_offset_m",
+                self.max_offset_m,
+                [0.0, 1e6],
+                "at least 0",
+            ),
+            (
+                "start.max_offset_rad",
+                self.max_offset_rad,
+                [0.0, pi],
+                "0 to π",
+            ),
+            (
+                "start.min_clearance_m",
+                self.min_clearance_m,
+                [0.0, 1e6],
+                "at least 0",
+            ),
+            (
+                "start.min_support_db",
+                self.min_support_db,
+                [0.0, 200.0],
+                "0 to 200",
+            ),
+            (
+                "start.max_tries",
+                self.max_tries as f64,
+                [1.0, 1e6],
+                "1 to 1000000",
+            ),
         ] {
             check_range(name, value, range, expected)?;
         }
@@ -127,16 +150,14 @@ pub(crate) fn draw(
     seed: u64,
     episode: u64,
     number: usize,
-    drawn: &Drawn,
 ) -> Result<Start, Condition> {
     let random = RandomStream::new(seed, episode, Stream::Start);
     let first = number as u64 * NUMBERS;
-    let body_from_camera = drawn.body_from_camera(&shared.mount);
     let proposal = match shared.config.start.mode {
         StartMode::FreeSpace => in_free_space(shared, &random, first),
-        StartMode::Recorded => near_recorded(shared, &random, first, &body_from_camera),
+        StartMode::Recorded => near_recorded(shared, &random, first),
     };
-    check(shared, proposal, &body_from_camera)
+    check(shared, proposal)
 }
 
 /// Sector, position, height near the ground, yaw.
@@ -146,19 +167,14 @@ fn in_free_space(shared: &Shared, random: &RandomStream, first: u64) -> Proposal
     let cells = &shared.candidates.cells;
     let cell = &cells[random.below(first, cells.len())];
     let half_m = 0.5 * cell.edge_m;
-    let at_m = [0, 1].map(|k| {
-        cell.center_m[k] + random.range(first + 1 + k as u64, [-half_m, half_m])
-    });
+    let at_m =
+        [0, 1].map(|k| cell.center_m[k] + random.range(first + 1 + k as u64, [-half_m, half_m]));
     let yaw_rad = random.range(first + 3, shared.config.randomization.start_yaw_rad);
     (cell.sector, at_m, cell.height_m, yaw_rad)
 }
 
-fn near_recorded(
-    shared: &Shared,
-    random: &RandomStream,
-    first: u64,
-    body_from_camera: &RigidTransform,
-) -> Proposal {
+fn near_recorded(shared: &Shared, random: &RandomStream, first: u64) -> Proposal {
+    let body_from_camera = &shared.mount;
     let views = &shared.candidates.views;
     let view = &views[random.below(first, views.len())];
     let config = &shared.config.start;
@@ -181,11 +197,11 @@ fn near_recorded(
     (view.sector, at_m, z - up, yaw_rad)
 }
 
-/// The state on the ground, or the first condition that does not hold.
+/// The state on the ground, or the first condition that does not hold. Cameras are those without
+/// errors of their mount: other ranges of these draw the same starts.
 pub(crate) fn check(
     shared: &Shared,
     (sector, at_m, near_z_m, yaw_rad): Proposal,
-    body_from_camera: &RigidTransform,
 ) -> Result<Start, Condition> {
     let terrain = &shared.terrains[sector as usize];
     let (ground, config) = (&terrain.ground, &shared.config);
@@ -208,10 +224,10 @@ pub(crate) fn check(
     if tilt_cosine < libm::cos(config.end.max_tilt_rad) {
         return Err(Condition::Footing);
     }
-    let world_from_camera = state.world_from_body() * *body_from_camera;
+    let world_from_camera = state.world_from_body() * shared.mount;
     let (deviation, support_db) = shared.deviation(sector, &world_from_camera);
     if let Some(deviation) = deviation {
-        if config.support.is_some() && support_db < config.start.min_support_db {
+        if support_db < config.start.min_support_db {
             return Err(Condition::Support);
         }
         if config.end.is_too_far(&deviation, support_db) {

@@ -66,17 +66,41 @@ impl TaskConfig {
     pub(crate) fn check(&self) -> Result<(), SimulationError> {
         let positive = [f64::MIN_POSITIVE, 1e9];
         for (name, value, range, expected) in [
-            ("task.success_radius_m", self.success_radius_m, positive, "above 0"),
+            (
+                "task.success_radius_m",
+                self.success_radius_m,
+                positive,
+                "above 0",
+            ),
             ("task.min_detour", self.min_detour, [1.0, 100.0], "1 to 100"),
-            ("task.max_goal_height_m", self.max_goal_height_m, [0.0, 1e9], "at least 0"),
-            ("task.goals", self.goals as f64, [1.0, 100_000.0], "1 to 100000"),
+            (
+                "task.max_goal_height_m",
+                self.max_goal_height_m,
+                [0.0, 1e9],
+                "at least 0",
+            ),
+            (
+                "task.goals",
+                self.goals as f64,
+                [1.0, 100_000.0],
+                "1 to 100000",
+            ),
             ("task.lookahead_m", self.lookahead_m, positive, "above 0"),
-            ("task.command_interval_s", self.command_interval_s, positive, "above 0"),
+            (
+                "task.command_interval_s",
+                self.command_interval_s,
+                positive,
+                "above 0",
+            ),
         ] {
             check_range(name, value, range, expected)?;
         }
         for (name, [low, high], limits) in [
-            ("task.goal_distance_m", self.goal_distance_m, [0.0, MAX_GOAL_M]),
+            (
+                "task.goal_distance_m",
+                self.goal_distance_m,
+                [0.0, MAX_GOAL_M],
+            ),
             ("task.command_m_s", self.command_m_s, [-100.0, 100.0]),
             ("task.command_rad_s", self.command_rad_s, [-100.0, 100.0]),
         ] {
@@ -84,10 +108,7 @@ impl TaskConfig {
                 return Err(SimulationError::Setting {
                     name: name.to_owned(),
                     found: format!("{low} to {high}"),
-                    expected: format!(
-                        "an ascending range within {} to {}",
-                        limits[0], limits[1]
-                    ),
+                    expected: format!("an ascending range within {} to {}", limits[0], limits[1]),
                 });
             }
         }

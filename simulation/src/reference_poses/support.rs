@@ -111,7 +111,6 @@ impl SupportMap {
         });
         errors.sum::<f64>() / samples.len() as f64
     }
-
 }
 
 impl Loss {

@@ -16,15 +16,22 @@ fn pose(number: u64) -> RigidTransform {
 fn the_nearest_pose_is_that_of_a_search_over_all() {
     let poses: Vec<_> = (0..3000).map(pose).collect();
     let references = ReferencePoses::new(poses.clone()).unwrap();
-    for number in 10_000..10_500 {
+    for number in 10_000..10_600 {
         let camera = pose(number);
-        let at = coordinates(&camera, &references.config);
+        let mut config = DeviationConfig::default();
+        match number % 3 {
+            0 => {}
+            1 => config.angle_rad = 60.0,
+            _ => config.distance_m = 60.0,
+        }
+        let at = coordinates(&camera);
         let cost = |reference: &RigidTransform| -> f64 {
-            let point = coordinates(reference, &references.config);
-            (0..6).map(|k| (point[k] - at[k]).powi(2)).sum()
+            let point = coordinates(reference);
+            let difference = |k: usize| (point[k] - at[k]) * config.weights()[k / 3];
+            (0..6).map(|k| difference(k).powi(2)).sum()
         };
         let best = poses.iter().map(cost).fold(f64::INFINITY, f64::min);
-        let found = references.nearest(&camera);
+        let found = references.nearest_by(&camera, &config);
         assert!((cost(&poses[found.index]) - best).abs() <= 1e-12 * best);
         assert_eq!(found, references.between(&camera, found.index));
     }

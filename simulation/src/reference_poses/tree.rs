@@ -1,4 +1,4 @@
-//! k-d tree over points of six coordinates.
+//! k-d tree over points of six coordinates: position and direction, each with its weight.
 
 const DIMENSIONS: usize = 6;
 /// Points of a leaf.
@@ -25,10 +25,11 @@ enum Node {
 }
 
 impl Tree {
-    pub(super) fn new(points: Vec<[f64; DIMENSIONS]>) -> Self {
+    /// A tree that is divided for queries of these weights; queries may have others.
+    pub(super) fn new(points: Vec<[f64; DIMENSIONS]>, weights: [f64; 2]) -> Self {
         let mut order: Vec<u32> = (0..points.len() as u32).collect();
         let mut nodes = Vec::new();
-        split(&points, &mut order, 0, &mut nodes);
+        split(&points, weights, &mut order, 0, &mut nodes);
         Self {
             points: order.iter().map(|&index| points[index as usize]).collect(),
             indices: order,
@@ -37,7 +38,8 @@ impl Tree {
     }
 
     /// Index of the nearest point, of equal ones the least.
-    pub(super) fn nearest(&self, at: &[f64; DIMENSIONS]) -> usize {
+    pub(super) fn nearest(&self, at: &[f64; DIMENSIONS], weights: [f64; 2]) -> usize {
+        let squares = weights.map(|weight| weight * weight);
         let mut best = (f64::INFINITY, u32::MAX);
         // Nodes to be visited, with the squared distance of their half-space.
         let mut stack = [(0_u32, 0.0_f64); MAX_DEPTH + 1];
@@ -52,7 +54,7 @@ impl Tree {
                 match self.nodes[node as usize] {
                     Node::Leaf { first, end } => {
                         for position in first as usize..end as usize {
-                            let distance = squared_distance(&self.points[position], at);
+                            let distance = squared_distance(&self.points[position], at, squares);
                             let candidate = (distance, self.indices[position]);
                             if candidate < best {
                                 best = candidate;
@@ -70,7 +72,8 @@ impl Tree {
                             true => (node + 1, second),
                             false => (second, node + 1),
                         };
-                        stack[count] = (far, difference * difference);
+                        let square = squares[axis as usize / 3] * (difference * difference);
+                        stack[count] = (far, square);
                         count += 1;
                         node = near;
                     }
@@ -81,13 +84,20 @@ impl Tree {
     }
 }
 
-fn squared_distance(a: &[f64; DIMENSIONS], b: &[f64; DIMENSIONS]) -> f64 {
+fn squared_distance(a: &[f64; DIMENSIONS], b: &[f64; DIMENSIONS], squares: [f64; 2]) -> f64 {
     let d: [f64; DIMENSIONS] = std::array::from_fn(|k| a[k] - b[k]);
-    d[0] * d[0] + d[1] * d[1] + d[2] * d[2] + d[3] * d[3] + d[4] * d[4] + d[5] * d[5]
+    squares[0] * (d[0] * d[0] + d[1] * d[1] + d[2] * d[2])
+        + squares[1] * (d[3] * d[3] + d[4] * d[4] + d[5] * d[5])
 }
 
 /// Adds the nodes of the points `order`, which begin at position `first` of all.
-fn split(points: &[[f64; DIMENSIONS]], order: &mut [u32], first: u32, nodes: &mut Vec<Node>) {
+fn split(
+    points: &[[f64; DIMENSIONS]],
+    weights: [f64; 2],
+    order: &mut [u32],
+    first: u32,
+    nodes: &mut Vec<Node>,
+) {
     if order.len() <= LEAF {
         let end = first + order.len() as u32;
         nodes.push(Node::Leaf { first, end });
@@ -98,7 +108,7 @@ fn split(points: &[[f64; DIMENSIONS]], order: &mut [u32], first: u32, nodes: &mu
         let (low, high) = values.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), v| {
             (low.min(v), high.max(v))
         });
-        high - low
+        weights[axis / 3] * (high - low)
     };
     let axis = (1..DIMENSIONS).fold(0, |best, axis| match extent(axis) > extent(best) {
         true => axis,
@@ -115,10 +125,10 @@ fn split(points: &[[f64; DIMENSIONS]], order: &mut [u32], first: u32, nodes: &mu
         second: 0,
     });
     let (low, high) = order.split_at_mut(middle);
-    split(points, low, first, nodes);
+    split(points, weights, low, first, nodes);
     let second = nodes.len() as u32;
     if let Node::Split { second: child, .. } = &mut nodes[node] {
         *child = second;
     }
-    split(points, high, first + middle as u32, nodes);
+    split(points, weights, high, first + middle as u32, nodes);
 }

@@ -3,6 +3,9 @@
 use super::damaged;
 use crate::SimulationError;
 
+/// Numbers of states are below this.
+const MAX_NUMBER: f64 = 1e9;
+
 #[derive(Default)]
 pub(super) struct Writer(Vec<u8>);
 
@@ -64,10 +67,10 @@ impl<'a> Reader<'a> {
         self.array().map(u64::from_le_bytes)
     }
 
-    /// A finite number.
+    /// A length, angle, rate or duration: finite and not absurd.
     pub(super) fn f64(&mut self) -> Result<f64, SimulationError> {
         let value = self.array().map(f64::from_le_bytes)?;
-        match value.is_finite() {
+        match value.abs() < MAX_NUMBER {
             true => Ok(value),
             false => Err(damaged(&format!("the number {value}"))),
         }

@@ -25,7 +25,7 @@ pub struct WorldConfig {
     pub agent: AgentConfig,
     /// The camera on the body. `None` is at eye height above the agent, level, facing forward.
     pub body_from_camera: Option<RigidTransform>,
-    /// Which recorded camera is near.
+    /// Which recorded camera supports a view.
     pub deviation: DeviationConfig,
     /// Predicted PSNR of views. `None` where it was not fitted.
     pub support: Option<SupportMap>,
@@ -108,6 +108,19 @@ impl WorldConfig {
         ] {
             check_range(name, value, [1e-3, 100.0], "0.001 to 100 m")?;
         }
+        for (name, value) in [
+            ("start.min_support_db", self.start.min_support_db),
+            ("end.min_support_db", self.end.min_support_db),
+        ] {
+            if self.support.is_none() && value > 0.0 {
+                return Err(SimulationError::Setting {
+                    name: name.to_owned(),
+                    found: value.to_string(),
+                    expected: "0 without a support map".to_owned(),
+                });
+            }
+        }
+        self.deviation.check()?;
         self.start.check()?;
         self.end.check()?;
         self.task.check()?;

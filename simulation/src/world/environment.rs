@@ -101,7 +101,7 @@ pub(crate) fn begin(shared: &Shared, seed: u64, number: u64) -> Result<Begin, Si
         return Err(exclusions.error(0));
     }
     for draw in 0..config.start.max_tries {
-        let found = start::draw(shared, seed, number, draw, &drawn).and_then(|start| {
+        let found = start::draw(shared, seed, number, draw).and_then(|start| {
             let position_m = start.state.position_m;
             let target = target(shared, seed, number, start.sector, position_m);
             Ok((start, target.ok_or(Condition::Goal)?))
@@ -164,6 +164,9 @@ pub(crate) fn reset(shared: &Shared, row: &mut Row<'_>, begin: &Begin) {
     report(shared, row);
 }
 
+/// Components of an action at most.
+const MAX_ACTION_SIZE: usize = 6;
+
 /// Advances an environment by a step. One that has ended stays as it is.
 pub(crate) fn step(shared: &Shared, row: &mut Row<'_>, action: &[f64]) {
     row.clear_step();
@@ -181,9 +184,19 @@ pub(crate) fn step(shared: &Shared, row: &mut Row<'_>, action: &[f64]) {
     agent.max_speed_m_s *= row.episode.drawn.speed_scale;
     agent.max_yaw_rate_rad_s *= row.episode.drawn.yaw_rate_scale;
     let ground = &shared.terrains[*row.sector as usize].ground;
-    let motion = agent::advance(ground, &agent, config.drive, row.state, clipped, config.dt_s);
+    let motion = agent::advance(
+        ground,
+        &agent,
+        config.drive,
+        row.state,
+        clipped,
+        config.dt_s,
+    );
     *row.state = motion.state;
-    let block = motion.blocked.map_or(0, |blocked| block_code(blocked.reason));
+    let block = motion
+        .blocked
+        .as_ref()
+        .map_or(0, |blocked| block_code(blocked.reason));
     *row.blocked = block;
     row.episode.steps += 1;
     row.episode.collisions += u32::from(motion.blocked.is_some());

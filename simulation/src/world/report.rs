@@ -8,7 +8,7 @@ use crate::episode::EndReason;
 use crate::episode::task::weighted_by_path_length;
 
 /// Everything that follows from the state: camera, numbers, observation.
-pub(super) fn report(shared: &Shared, row: &mut Row<'_>) {
+pub(crate) fn report(shared: &Shared, row: &mut Row<'_>) {
     report_camera(shared, row);
     report_numbers(shared, row);
 }
@@ -24,13 +24,7 @@ pub(super) fn report_camera(shared: &Shared, row: &mut Row<'_>) -> bool {
     };
     *row.deviation_m = deviation.distance_m as f32;
     *row.deviation_rad = deviation.angle_rad as f32;
-    let config = &shared.config;
-    // Without a support map there is no support to fall below a limit.
-    let support_db = match config.support {
-        Some(_) => support_db,
-        None => f64::INFINITY,
-    };
-    config.end.is_too_far(&deviation, support_db)
+    shared.config.end.is_too_far(&deviation, support_db)
 }
 
 /// Numbers of the episode, and the observation.
@@ -66,5 +60,7 @@ pub(super) fn report_numbers(shared: &Shared, row: &mut Row<'_>) {
             config.task.command(episode.seed, episode.number, time_s)
         }
     };
-    shared.layout.write(&terrain.ground, state, target, row.observation);
+    shared
+        .layout
+        .write(&terrain.ground, state, target, row.observation);
 }

@@ -94,7 +94,12 @@ impl<'a> Rows<'a> {
         };
         (
             rows(self.first, kept, result, observations),
-            rows(self.first + middle, other_kept, other_result, other_observations),
+            rows(
+                self.first + middle,
+                other_kept,
+                other_result,
+                other_observations,
+            ),
         )
     }
 

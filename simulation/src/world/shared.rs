@@ -12,7 +12,7 @@ use crate::episode::path::Path;
 use crate::episode::start::candidates::Candidates;
 use crate::episode::task::goals::Goal;
 use crate::ground::{Cover, Ground};
-use crate::reference_poses::{Deviation, ReferencePoses};
+use crate::reference_poses::{Deviation, DeviationConfig, ReferencePoses};
 use crate::scene::{Area, Place, SceneData, Sector};
 
 /// A sector, as agents on the ground use it.
@@ -40,6 +40,8 @@ pub(crate) struct Shared {
     /// Camera on the body without errors of its mount.
     pub(crate) mount: RigidTransform,
     pub(crate) max_steps: u64,
+    /// Which recorded camera counts for the limits of the deviation.
+    pub(crate) limits: DeviationConfig,
     pub(crate) config_hash: [u8; 32],
     /// Goals of the task; drawn at the first reset, which may start threads.
     pub(crate) goals: Vec<Goal>,
@@ -48,10 +50,7 @@ pub(crate) struct Shared {
 impl Shared {
     /// # Errors
     /// [`SimulationError::Setting`]; [`SimulationError::Scene`] for a sector without ground.
-    pub(crate) fn new(
-        scene: Arc<SceneData>,
-        config: WorldConfig,
-    ) -> Result<Self, SimulationError> {
+    pub(crate) fn new(scene: Arc<SceneData>, config: WorldConfig) -> Result<Self, SimulationError> {
         config.check()?;
         let terrains = terrains(&scene, &config)?;
         let candidates = Candidates::new(&terrains, config.start.min_clearance_m);
@@ -59,6 +58,7 @@ impl Shared {
             layout: Layout::new(&config),
             mount: config.nominal_mount(),
             max_steps: config.max_steps(),
+            limits: config.end.units(),
             config_hash: config.hash(),
             goals: Vec::new(),
             scene,
@@ -68,7 +68,7 @@ impl Shared {
         })
     }
 
-    /// Deviation of a camera from recorded ones, and the PSNR predicted from it; 0 dB without a
+    /// Deviation of a camera from recorded ones as its limits count it, and the PSNR predicted from it; 0 dB without a
     /// support map.
     pub(crate) fn deviation(
         &self,
@@ -78,11 +78,11 @@ impl Shared {
         let Some(references) = &self.terrains[sector as usize].references else {
             return (None, 0.0);
         };
-        let deviation = references.nearest(world_from_camera);
-        let support_db = match &self.config.support {
-            Some(support) => support.support_db(&deviation).max(0.0),
-            None => 0.0,
-        };
+        let deviation = references.nearest_by(world_from_camera, &self.limits);
+        let support_db = self.config.support.as_ref().map_or(0.0, |support| {
+            let nearest = references.nearest_by(world_from_camera, &self.config.deviation);
+            support.support_db(&nearest).max(0.0)
+        });
         (Some(deviation), support_db)
     }
 
@@ -118,11 +118,14 @@ impl Shared {
 fn terrains(scene: &SceneData, config: &WorldConfig) -> Result<Vec<Terrain>, SimulationError> {
     let mut terrains: Vec<Terrain> = Vec::new();
     for (number, sector) in scene.sectors.iter().enumerate() {
-        let levels = sector.levels.as_ref().ok_or_else(|| SimulationError::Scene {
-            place: format!("scene {}, sector {}", scene.name, sector.name),
-            found: "no maps".to_owned(),
-            expected: "output maps, on which agents walk".to_owned(),
-        })?;
+        let levels = sector
+            .levels
+            .as_ref()
+            .ok_or_else(|| SimulationError::Scene {
+                place: format!("scene {}, sector {}", scene.name, sector.name),
+                found: "no maps".to_owned(),
+                expected: "output maps, on which agents walk".to_owned(),
+            })?;
         let same_ground = (0..number).find(|&other| {
             let of_other = &scene.sectors[other].levels;
             of_other.as_ref().is_some_and(|of| Arc::ptr_eq(of, levels))
@@ -138,21 +141,19 @@ fn terrains(scene: &SceneData, config: &WorldConfig) -> Result<Vec<Terrain>, Sim
                 (Arc::new(ground), number as u32, component)
             }
         };
-        let same_references = (0..number).find(|&other| {
-            Arc::ptr_eq(&scene.sectors[other].references, &sector.references)
-        });
+        let same_references = (0..number)
+            .find(|&other| Arc::ptr_eq(&scene.sectors[other].references, &sector.references));
         let references = match same_references {
             Some(other) => terrains[other].references.clone(),
             None if sector.references.is_empty() => None,
             None => {
                 let poses = sector.references.to_vec();
-                let references = ReferencePoses::with_config(poses, config.deviation)?;
+                let references = ReferencePoses::new(poses)?;
                 Some(Arc::new(references))
             }
         };
-        let same_recording = (0..number).find(|&other| {
-            Arc::ptr_eq(&scene.sectors[other].recording, &sector.recording)
-        });
+        let same_recording = (0..number)
+            .find(|&other| Arc::ptr_eq(&scene.sectors[other].recording, &sector.recording));
         let path = match same_recording {
             Some(other) => terrains[other].path.clone(),
             None => Arc::new(recorded_path(sector, &ground, config)),

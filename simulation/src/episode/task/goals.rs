@@ -53,7 +53,7 @@ pub(crate) fn draw_all(shared: &Shared) -> Result<Vec<Goal>, SimulationError> {
                 let yaw_rad = std::f64::consts::TAU * f64::from(k) / f64::from(DIRECTIONS);
                 let proposal = (cell.sector, at_m, cell.height_m, yaw_rad);
                 // Breaks at the first that holds all conditions.
-                match start::check(shared, proposal, &shared.mount) {
+                match start::check(shared, proposal) {
                     Ok(found) => ControlFlow::Break(found),
                     Err(condition) => ControlFlow::Continue(condition),
                 }

@@ -12,7 +12,10 @@ fn spl_of_hand_made_paths() {
         (0.5, 8.0, 0.25),
     ] {
         let found = weighted_by_path_length(covered, 4.0, length);
-        assert!((found - expected).abs() < 1e-12, "{covered} {length}: {found}");
+        assert!(
+            (found - expected).abs() < 1e-12,
+            "{covered} {length}: {found}"
+        );
     }
     // The start is the goal.
     assert_eq!(weighted_by_path_length(1.0, 0.0, 0.0), 1.0);

@@ -1,0 +1,251 @@
+//! Exam 6.5: every reason of an end alone and in pairs.
+
+use scene_bundle::outputs::grid::Grid;
+use scene_bundle::outputs::maps::{FREE, KNOWN, MapLevel, OCCUPIED, UNKNOWN};
+
+use super::*;
+use crate::episode::task::goals::Goal;
+use crate::geodesic::DistanceField;
+use crate::scene::{Area, Recording, Sector};
+
+const BLOCKS: [EndReason; 3] = [
+    EndReason::Collision,
+    EndReason::LeftMap,
+    EndReason::UnknownGround,
+];
+
+/// Level for x below 6 m, a slope of 0.2 up to 12 m. There is a wall at 9 m for y below 2 m, and
+/// ground that was not seen from 9 to 10 m for y of 3 to 5 m. Cameras recorded from 1 to 5 m.
+fn scene() -> Arc<SceneData> {
+    let cell_m = 0.05;
+    let grid = Grid {
+        cell_m,
+        origin_m: [0.5 * cell_m; 2],
+        columns: 240,
+        rows: 120,
+    };
+    let mut level = MapLevel::unknown(grid);
+    for cell in 0..grid.cells() {
+        let [x, y] = grid.center_m(cell);
+        if (9.0..10.0).contains(&x) && (3.0..5.0).contains(&y) {
+            level.occupancy[cell] = UNKNOWN;
+            level.distance[cell] = -1.0;
+            continue;
+        }
+        if (9.0..9.2).contains(&x) && y < 2.0 {
+            level.occupancy[cell] = OCCUPIED;
+            level.distance[cell] = -1.0;
+            continue;
+        }
+        let slope = if x > 6.0 { 0.2 } else { 0.0 };
+        let height = (slope * (x - 6.0)) as f32;
+        let norm = (1.0 + slope * slope).sqrt();
+        for layer in [&mut level.elevation, &mut level.lower, &mut level.upper] {
+            layer[cell] = height;
+        }
+        level.normal[cell] = [-slope / norm, 0.0, 1.0 / norm].map(|v| v as f32);
+        level.slope[cell] = libm::atan(slope) as f32;
+        level.sigma[cell] = 0.002;
+        level.step[cell] = 0.0;
+        level.roughness[cell] = 0.0;
+        level.traversability[cell] = 1.0;
+        level.clearance[cell] = f32::INFINITY;
+        let from_unknown = (9.0 - x)
+            .max(x - 10.0)
+            .max(0.0)
+            .hypot((3.0 - y).max(y - 5.0).max(0.0));
+        let from_wall = (9.0 - x).max(x - 9.2).max(0.0).hypot((y - 2.0).max(0.0));
+        level.distance[cell] = from_unknown.min(from_wall) as f32;
+        level.views[cell] = 9;
+        level.flags[cell] = KNOWN;
+        level.occupancy[cell] = FREE;
+    }
+    let pose = |i: u32| {
+        let at = [1.0 + 0.1 * f64::from(i), 3.0, 1.4];
+        RigidTransform::from_translation_m(at).unwrap() * RigidTransform::body_from_optical()
+    };
+    let sector = Sector {
+        name: "slope".to_owned(),
+        levels: Some(Arc::new(vec![level])),
+        area: Area::new([0.0; 2], [12.0, 6.0]),
+        references: Arc::new((0..41).map(pose).collect()),
+        gaussians: None,
+        recording: Arc::new(Recording::default()),
+        edges: Vec::new(),
+    };
+    Arc::new(SceneData::new("slope", vec![sector]).unwrap())
+}
+
+/// A world in which exactly these reasons happen in the next step, by the action that goes ahead.
+fn provoke(scene: &Arc<SceneData>, reasons: &[EndReason], ends: EndConfig) -> World {
+    let happens = |reason| reasons.contains(&reason);
+    let mut config = config(1, Task::PointGoal);
+    config.dt_s = 1.0;
+    config.task.success_radius_m = 2.0;
+    config.task.goal_distance_m = [2.1, 40.0];
+    config.task.max_goal_height_m = 5.0;
+    config.end = EndConfig {
+        time_limit_s: if happens(EndReason::TimeLimit) {
+            1.0
+        } else {
+            99.0
+        },
+        max_deviation_m: if happens(EndReason::Deviation) {
+            1.5
+        } else {
+            99.0
+        },
+        max_tilt_rad: if happens(EndReason::Fall) { 0.05 } else { 0.7 },
+        collision_ends: true,
+        ..ends
+    };
+    let mut world = World::new(scene.clone(), config).unwrap();
+    world.reset(None, None).unwrap();
+    let ([x, y], yaw_rad) = match reasons.iter().find(|reason| BLOCKS.contains(reason)) {
+        Some(EndReason::Collision) => ([8.5, 1.0], 0.0),
+        Some(EndReason::UnknownGround) => ([8.5, 4.0], 0.0),
+        Some(_) => ([11.5, 5.0], 0.0),
+        None => ([8.3, 2.5], std::f64::consts::PI),
+    };
+    let position_m = [x, y, 0.2 * (x - 6.0)];
+    let goal_m = match happens(EndReason::Goal) {
+        true => position_m,
+        false => [1.0, 1.0, 0.0],
+    };
+    let terrain = &world.shared.terrains[0];
+    world.shared.goals = vec![Goal {
+        frame: terrain.frame,
+        position_m: goal_m,
+        field: DistanceField::new(&terrain.ground, &world.shared.config.agent, goal_m),
+    }];
+    world.environments.episode[0].target = environment::Target::Goal { index: 0 };
+    let state = AgentState {
+        position_m,
+        yaw_rad,
+        velocity: [1.5, 0.0, 0.0],
+        ..world.states()[0]
+    };
+    world.place(0, 0, &state).unwrap();
+    if happens(EndReason::PhysicsFault) {
+        let broken = AgentState {
+            position_m: [f64::NAN; 3],
+            ..state
+        };
+        world.place(0, 0, &broken).unwrap();
+        assert_eq!(world.states()[0].position_m, position_m);
+    }
+    world
+}
+
+/// Steps, and checks reason, flags and the final observation.
+fn check(scene: &Arc<SceneData>, reasons: &[EndReason], ends: EndConfig) {
+    let mut world = provoke(scene, reasons, ends);
+    world.step(&[1.0, 0.0]).unwrap();
+    let terminates = |reason: &EndReason| world.config().end.terminates(*reason);
+    let ordered = || {
+        EndReason::BY_PRECEDENCE
+            .into_iter()
+            .filter(|r| reasons.contains(r))
+    };
+    let expected = ordered().find(terminates).or(ordered().next());
+    let expected = expected.unwrap_or(EndReason::None);
+    let result = world.result();
+    let found = EndReason::from_code(result.end_reasons[0]).unwrap();
+    assert_eq!(
+        found, expected,
+        "{reasons:?}, blocked {}",
+        result.blocked[0]
+    );
+    let is_terminated = terminates(&expected);
+    assert_eq!(result.terminated[0], is_terminated, "{reasons:?}");
+    let is_truncated = expected != EndReason::None && !is_terminated;
+    assert_eq!(result.truncated[0], is_truncated, "{reasons:?}");
+    let is_failure = is_terminated && expected != EndReason::Goal;
+    assert_eq!(result.reward_terms[0][7], f64::from(u8::from(is_failure)));
+    // The final observation is that of an agent that stands there in a world of its own.
+    let (state, camera) = (world.states()[0], world.world_from_camera(0));
+    let observation = world.observations().to_vec();
+    let mut alone = provoke(scene, &[], EndConfig::default());
+    alone.shared.goals = std::mem::take(&mut world.shared.goals);
+    alone.place(0, 0, &state).unwrap();
+    assert!(alone.observations() == observation, "{reasons:?}");
+    assert_eq!(alone.world_from_camera(0), camera);
+    world.shared.goals = std::mem::take(&mut alone.shared.goals);
+    // What ended stays as it is.
+    if expected != EndReason::None {
+        let path_length_m = world.result().path_length_m[0];
+        world.step(&[1.0, 0.0]).unwrap();
+        let result = world.result();
+        assert_eq!((result.rewards[0], result.end_reasons[0]), (0.0, 0));
+        assert!(!result.terminated[0] && !result.truncated[0]);
+        assert_eq!(result.path_length_m[0], path_length_m);
+        assert_eq!(world.states()[0], state);
+        assert!(world.observations() == observation);
+    }
+}
+
+#[test]
+fn every_reason_ends_alone_and_in_pairs() {
+    let scene = scene();
+    let both = [false, true].map(|terminates| EndConfig {
+        left_map_terminates: terminates,
+        unknown_ground_terminates: terminates,
+        ..EndConfig::default()
+    });
+    let mut count = 0;
+    for ends in both {
+        check(&scene, &[], ends);
+        for (i, a) in EndReason::BY_PRECEDENCE.into_iter().enumerate() {
+            check(&scene, &[a], ends);
+            count += 1;
+            for b in &EndReason::BY_PRECEDENCE[i + 1..] {
+                // A motion is stopped by one of these.
+                if !(BLOCKS.contains(&a) && BLOCKS.contains(b)) {
+                    check(&scene, &[a, *b], ends);
+                    count += 1;
+                }
+            }
+        }
+    }
+    assert_eq!(count, 2 * (8 + 28 - 3));
+}
+
+#[test]
+fn blocks_that_end_nothing_stop_the_agent() {
+    let scene = scene();
+    let ends = EndConfig {
+        left_map_ends: false,
+        unknown_ground_ends: false,
+        ..EndConfig::default()
+    };
+    for reason in [EndReason::LeftMap, EndReason::UnknownGround] {
+        let mut world = provoke(&scene, &[reason], ends);
+        let before = world.states()[0].position_m;
+        for _ in 0..3 {
+            world.step(&[1.0, 0.0]).unwrap();
+        }
+        assert!(!world.has_ended(0));
+        assert_eq!(world.result().collisions[0], 3);
+        let moved = world.states()[0].position_m[0] - before[0];
+        assert!((0.0..0.6).contains(&moved), "{moved}");
+    }
+}
+
+#[test]
+fn agents_are_placed_where_there_is_something() {
+    let mut world = World::new(room(), config(1, Task::Velocity)).unwrap();
+    let state = AgentState::default();
+    assert!(matches!(
+        world.place(0, 0, &state),
+        Err(SimulationError::State(_))
+    ));
+    world.reset(None, None).unwrap();
+    let above = AgentState { level: 9, ..state };
+    for error in [
+        world.place(1, 0, &state).unwrap_err(),
+        world.place(0, 7, &state).unwrap_err(),
+        world.place(0, 0, &above).unwrap_err(),
+    ] {
+        assert!(matches!(error, SimulationError::Setting { .. }), "{error}");
+    }
+}

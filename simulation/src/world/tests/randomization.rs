@@ -1,0 +1,148 @@
+//! Exam 6.13: a range that changes leaves all other draws as they are.
+
+use super::*;
+use crate::episode::RandomizationConfig;
+use crate::randomness::{RandomStream, Stream};
+
+/// What an episode draws, each as bits: start, goal, speeds, mount, latency.
+fn draws(randomization: RandomizationConfig, change: fn(&mut WorldConfig)) -> [Vec<u64>; 5] {
+    let mut config = config(50, Task::PointGoal);
+    config.randomization = randomization;
+    change(&mut config);
+    let mut world = World::new(room(), config).unwrap();
+    let mut draws: [Vec<u64>; 5] = Default::default();
+    for _ in 0..20 {
+        world.reset(None, None).unwrap();
+        for i in 0..50 {
+            let state = &world.states()[i];
+            let episode = &world.environments.episode[i];
+            let drawn = &episode.drawn;
+            draws[0].extend(state.position_m.map(f64::to_bits));
+            draws[0].push(state.yaw_rad.to_bits());
+            let environment::Target::Goal { index } = episode.target else {
+                panic!("{:?}", episode.target);
+            };
+            draws[1].push(u64::from(index));
+            draws[2].extend([drawn.speed_scale, drawn.yaw_rate_scale].map(f64::to_bits));
+            draws[3].extend(drawn.mount.map(f64::to_bits));
+            draws[4].push(drawn.latency_s.to_bits());
+        }
+    }
+    draws
+}
+
+#[test]
+fn streams_are_independent() {
+    let base = RandomizationConfig {
+        speed_scale: [0.8, 1.2],
+        yaw_rate_scale: [0.8, 1.2],
+        mount_m: 0.02,
+        mount_rad: 0.03,
+        latency_s: [0.12, 0.3],
+        ..RandomizationConfig::default()
+    };
+    let nothing = |_: &mut WorldConfig| {};
+    let expected = draws(base, nothing);
+    let faster = RandomizationConfig {
+        speed_scale: [0.5, 2.0],
+        ..base
+    };
+    let mounted = RandomizationConfig {
+        mount_m: 0.05,
+        mount_rad: 0.0,
+        ..base
+    };
+    let late = RandomizationConfig {
+        latency_s: [0.0, 1.0],
+        ..base
+    };
+    for (changed, found) in [
+        (2, draws(faster, nothing)),
+        (3, draws(mounted, nothing)),
+        (4, draws(late, nothing)),
+    ] {
+        for stream in 0..5 {
+            assert_eq!(
+                found[stream] == expected[stream],
+                stream != changed,
+                "{changed} {stream}"
+            );
+        }
+    }
+    // Whether a start is near enough to recorded cameras depends on its yaw: without that limit.
+    let far = |config: &mut WorldConfig| config.end.max_deviation_m = 100.0;
+    let expected = draws(base, far);
+    let found = draws(base, |config| {
+        config.end.max_deviation_m = 100.0;
+        config.randomization.start_yaw_rad = [0.0, 1.0];
+    });
+    assert!(found[0] != expected[0] && found[1..] == expected[1..]);
+}
+
+#[test]
+fn draws_fill_their_ranges() {
+    let randomization = RandomizationConfig {
+        speed_scale: [0.8, 1.2],
+        latency_s: [0.12, 0.3],
+        mount_m: 0.02,
+        ..RandomizationConfig::default()
+    };
+    let drawn: Vec<_> = (0..2000)
+        .map(|number| randomization.draw(1, number))
+        .collect();
+    let range = |of: &dyn Fn(usize) -> f64| {
+        (0..2000)
+            .map(of)
+            .fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], v| {
+                [low.min(v), high.max(v)]
+            })
+    };
+    for ([low, high], expected) in [
+        (range(&|i| drawn[i].speed_scale), [0.8, 1.2]),
+        (range(&|i| drawn[i].latency_s), [0.12, 0.3]),
+        (range(&|i| drawn[i].mount[1]), [-0.02, 0.02]),
+        (range(&|i| drawn[i].mount[4]), [0.0, 0.0]),
+        (range(&|i| drawn[i].yaw_rate_scale), [1.0, 1.0]),
+    ] {
+        let width = expected[1] - expected[0];
+        assert!(low >= expected[0] && high <= expected[1]);
+        assert!(high - low >= 0.99 * width, "{low} {high}");
+    }
+}
+
+#[test]
+fn scaled_speeds_and_mounts_are_applied() {
+    let with = |speed_scale: [f64; 2], mount_m: f64| {
+        let mut config = config(1, Task::Velocity);
+        config.randomization.speed_scale = speed_scale;
+        config.randomization.mount_m = mount_m;
+        let mut world = World::new(room(), config).unwrap();
+        world.reset(None, None).unwrap();
+        for _ in 0..3 {
+            world.step(&[0.3, 0.0]).unwrap();
+        }
+        world
+    };
+    let [slow, fast] = [with([1.0; 2], 0.0), with([1.5; 2], 0.0)];
+    let ratio = fast.result().path_length_m[0] / slow.result().path_length_m[0];
+    assert!(ratio > 1.2, "{ratio}");
+    let mounted = with([1.0; 2], 0.02);
+    assert_eq!(mounted.states(), slow.states());
+    let [a, b] = [&mounted, &slow].map(|world| world.world_from_camera(0).1.translation_m());
+    let distance = (0..3).map(|k| (a[k] - b[k]).powi(2)).sum::<f64>().sqrt();
+    assert!(distance > 1e-4 && distance < 0.035, "{distance}");
+}
+
+#[test]
+fn cameras_draw_from_streams_of_their_own() {
+    // The streams that branches of images use are others than those of episodes.
+    let of_images = [Stream::Camera, Stream::Noise, Stream::Exposure];
+    for stream in of_images {
+        for other in [Stream::Start, Stream::Goal, Stream::Mount, Stream::Latency] {
+            assert_ne!(
+                RandomStream::new(1, 2, stream).bits(0),
+                RandomStream::new(1, 2, other).bits(0)
+            );
+        }
+    }
+}
