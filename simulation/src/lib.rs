@@ -7,6 +7,7 @@
 
 mod agent;
 mod alignment;
+mod camera;
 mod episode;
 mod error;
 mod geodesic;
@@ -20,6 +21,11 @@ mod world;
 
 pub use agent::{AgentConfig, AgentState, Block, BlockReason, Drive, Footing, Motion, advance};
 pub use alignment::{Alignment, AlignmentConfig, AlignmentModel, align_points, align_trajectories};
+pub use camera::{
+    CameraBatch, CameraConfig, CameraSchedule, CameraView, Capture, DepthKind, ExposureConfig,
+    FrameBuffers, FrameQueue, FrameRequest, Frames, NoiseConfig, NoiseKey, Quality, RenderReport,
+    ShutterConfig, TimingConfig, pinhole, scaled_model,
+};
 pub use episode::{
     EndConfig, EndReason, REWARD_TERMS, RandomizationConfig, RewardConfig, StartConfig, StartMode,
     Task, TaskConfig,
@@ -30,9 +36,9 @@ pub use ground::{Cover, Ground, Surface};
 pub use randomness::{RandomStream, Stream};
 pub use reference_poses::{Deviation, DeviationConfig, ReferencePoses, SupportMap, SupportSample};
 pub use scene::{
-    Area, BundleConfig, CrossingConfig, GaussianSource, GaussianStore, GraphConfig, Missing, Place,
-    RecordedView, Recording, RecordingCamera, ResidencyConfig, SceneData, Sector, SectorEdge,
-    SectorGaussians, Similarity,
+    Area, BeogymConfig, BundleConfig, CrossingConfig, GaussianSource, GaussianStore, GraphConfig,
+    Missing, Place, RecordedView, Recording, RecordingCamera, ResidencyConfig, SceneData, Sector,
+    SectorEdge, SectorGaussians, Similarity,
 };
 pub use snapshot::MAX_SNAPSHOT_BYTES;
 pub use world::{ObservationConfig, ObservationField, StepResult, World, WorldConfig, block_code};

@@ -5,17 +5,21 @@
 //! output is listed in [`SceneData::missing`] with the features that it costs. Gaussians are only
 //! checked at opening, and loaded when they are needed.
 
+mod beogym;
 mod bundle;
 mod crossing;
+mod file;
 mod gaussians;
 mod graph;
 mod hash;
+pub(crate) mod measures;
 mod residency;
 mod sector;
 mod similarity;
 
 use std::path::Path;
 
+pub use beogym::BeogymConfig;
 pub use bundle::BundleConfig;
 pub use crossing::{CrossingConfig, Place};
 pub use gaussians::GaussianSource;
@@ -53,7 +57,7 @@ pub struct Missing {
 }
 
 impl SceneData {
-    /// Opens a scene bundle.
+    /// Opens a scene bundle, or a scene file with several of them (reference page).
     ///
     /// # Errors
     /// [`SimulationError::Bundle`] for what is no bundle, [`SimulationError::Scene`] for damaged
@@ -67,7 +71,20 @@ impl SceneData {
     /// # Errors
     /// As [`Self::open`].
     pub fn open_with(path: &Path, config: &BundleConfig) -> Result<Self, SimulationError> {
-        bundle::open(path, config)
+        let is_manifest = path.file_name().is_some_and(|name| name == "scene.json");
+        match path.is_file() && !is_manifest {
+            true => file::open(path, config),
+            false => bundle::open(path, config),
+        }
+    }
+
+    /// Imports a folder of Beogym: `gaussian_splat_data` with its sectors and `surfaceMap.pcd`, or
+    /// one with `sequence.json` (reference page).
+    ///
+    /// # Errors
+    /// [`SimulationError::Scene`] with sector, file and first wrong index.
+    pub fn open_beogym(path: &Path, config: &BeogymConfig) -> Result<Self, SimulationError> {
+        beogym::open(path, config)
     }
 
     /// A scene of sectors in memory, with the hash of their content.

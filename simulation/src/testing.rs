@@ -246,7 +246,7 @@ impl SyntheticScene {
                             height_m: [z, z + WALL_M],
                             ..Area::new([begin, 0.0], [begin + width, width])
                         },
-                        residual_m: 0.0,
+                        residual_m: Some(0.0),
                         is_imported: true,
                     }
                 })

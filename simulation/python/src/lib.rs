@@ -5,6 +5,7 @@
 //! No thread is started before the first reset or image, and threads do not outlive a fork:
 //! see [`pool`].
 
+mod cameras;
 mod error;
 mod pool;
 mod scene;
@@ -16,6 +17,8 @@ use pyo3::prelude::*;
 mod _core {
     use super::*;
 
+    #[pymodule_export]
+    use super::cameras::PyCameras;
     #[pymodule_export]
     use super::scene::PyScene;
     #[pymodule_export]

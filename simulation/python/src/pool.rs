@@ -4,7 +4,7 @@
 //! there starts its own. A world or camera that has worked before the fork may have been copied
 //! in the middle of its work, so that its owner refuses it in the child: see [`Owner`].
 
-use std::sync::atomic::{AtomicU32, AtomicUsize, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU32, AtomicUsize, Ordering};
 use std::sync::mpsc::{RecvTimeoutError, channel};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
@@ -61,22 +61,25 @@ pub(crate) fn run<T: Send>(py: Python<'_>, work: impl FnOnce() -> T + Send) -> P
     Ok(py.detach(|| pool.install(work)))
 }
 
-/// Runs work of any duration. A signal, such as Ctrl-C, ends the wait for it: the work is finished
-/// in the background, and who needs its results next waits for it.
+/// Runs work of any duration. A signal, such as Ctrl-C, ends the wait for it and sets the flag
+/// that the work receives. Work that does not look at the flag is finished in the background, and
+/// who needs its results next waits for it.
 ///
 /// # Errors
 /// The exception of the signal.
 pub(crate) fn run_long<T: Send + 'static>(
     py: Python<'_>,
-    work: impl FnOnce() -> T + Send + 'static,
+    work: impl FnOnce(&AtomicBool) -> T + Send + 'static,
 ) -> PyResult<T> {
     let pool = pool()?;
+    let is_cancelled = Arc::new(AtomicBool::new(false));
+    let flag = is_cancelled.clone();
     let (to, done) = channel();
     let done = Mutex::new(done);
     let worker = std::thread::Builder::new().name("paws-sim work".to_owned());
     worker.spawn(move || {
         // Nobody waits any longer after a signal.
-        let _ = to.send(pool.install(work));
+        let _ = to.send(pool.install(|| work(&flag)));
     })?;
     loop {
         let wait = || {
@@ -85,7 +88,9 @@ pub(crate) fn run_long<T: Send + 'static>(
         };
         match py.detach(wait) {
             Ok(result) => return Ok(result),
-            Err(RecvTimeoutError::Timeout) => py.check_signals()?,
+            Err(RecvTimeoutError::Timeout) => py
+                .check_signals()
+                .inspect_err(|_| is_cancelled.store(true, Ordering::Relaxed))?,
             Err(RecvTimeoutError::Disconnected) => {
                 return Err(PyRuntimeError::new_err(
                     "a thread of the simulator ended before its work was done",

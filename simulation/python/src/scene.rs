@@ -17,6 +17,8 @@ use crate::pool;
 #[pyclass(name = "Scene", module = "paws_sim._core", frozen)]
 pub(crate) struct PyScene {
     pub(crate) data: Arc<SceneData>,
+    /// What `paws_sim.open_scene` opens it by.
+    source: String,
 }
 
 #[pymethods]
@@ -24,10 +26,13 @@ impl PyScene {
     /// Opens a scene bundle; the hash of every file is checked.
     #[staticmethod]
     fn open(py: Python<'_>, path: PathBuf) -> PyResult<Self> {
-        let opened = pool::run_long(py, move || SceneData::open(&path))?;
+        let path = path.canonicalize().unwrap_or(path);
+        let source = path.display().to_string();
+        let opened = pool::run_long(py, move |_| SceneData::open(&path))?;
         let data = opened.map_err(|error| exception(&error))?;
         Ok(Self {
             data: Arc::new(data),
+            source,
         })
     }
 
@@ -50,8 +55,11 @@ impl PyScene {
                 )));
             }
         };
-        let made = pool::run_long(py, make)?.map_err(|error| exception(&error))?;
-        Ok(Self { data: made.scene })
+        let made = pool::run_long(py, move |_| make())?.map_err(|error| exception(&error))?;
+        Ok(Self {
+            data: made.scene,
+            source: format!("synthetic:{name}"),
+        })
     }
 
     /// Its name.
@@ -118,6 +126,23 @@ impl PyScene {
             Ok(of)
         });
         cameras.collect()
+    }
+
+    /// What `paws_sim.open_scene` opens it by: an absolute path, or `synthetic:` and a name.
+    #[getter]
+    fn source(&self) -> &str {
+        &self.source
+    }
+
+    /// A pickle opens the scene again.
+    fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyAny>, (String,))> {
+        let open = py.import("paws_sim")?.getattr("open_scene")?;
+        Ok((open, (self.source.clone(),)))
+    }
+
+    /// Scenes do not change, so that copies share them.
+    fn __deepcopy__<'py>(slf: Bound<'py, Self>, _memo: &Bound<'py, PyAny>) -> Bound<'py, Self> {
+        slf
     }
 
     fn __repr__(&self) -> String {

@@ -5,6 +5,7 @@ mod autoreset;
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
+use cad_transforms::RigidTransform;
 use numpy::{
     PyArray1, PyArray2, PyArray3, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2,
     PyUntypedArrayMethods,
@@ -204,9 +205,27 @@ impl PyWorld {
         let poses: Vec<_> = self.read(py, |batch| {
             (0..self.environments).map(|index| batch.world.world_from_camera(index)).collect()
         })?;
-        let sectors = poses.iter().map(|(sector, _)| *sector as i64);
-        let sectors = PyArray1::from_iter(py, sectors.collect::<Vec<_>>());
-        Ok((matrices(py, poses.iter().map(|(_, pose)| pose))?, sectors))
+        poses_and_sectors(py, &poses)
+    }
+
+    /// The same of the environments that ended in the last step and were reset in it, at the end.
+    fn final_camera_poses<'py>(
+        &self,
+        py: Python<'py>,
+    ) -> PyResult<(Bound<'py, PyArray3<f64>>, Bound<'py, PyArray1<i64>>)> {
+        self.read(py, |batch| {
+            let ended = batch.ended.as_ref();
+            poses_and_sectors(py, ended.map_or(&[], |ended| &ended.cameras))
+        })?
+    }
+
+    /// Seed and episode of each environment: what noise of images is drawn with.
+    fn random_keys<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<u64>>> {
+        self.read(py, |batch| {
+            let keys = (0..self.environments).map(|index| batch.world.random_key(index));
+            let keys = keys.flat_map(|(seed, episode)| [seed, episode]).collect();
+            PyArray1::from_vec(py, keys).reshape([self.environments, 2])
+        })?
     }
 
     /// Puts an agent somewhere, as physics outside of this world does: position, m, and yaw,
@@ -305,7 +324,7 @@ impl PyWorld {
         let batch = self.batch.clone();
         let work = move || locked(&batch).as_mut().map(work);
         let done = match is_long {
-            true => pool::run_long(py, work)?,
+            true => pool::run_long(py, move |_| work())?,
             false => pool::run(py, work)?,
         };
         done.ok_or_else(closed)?.map_err(|error| exception(&error))
@@ -331,6 +350,15 @@ impl PyWorld {
         drop(into);
         Ok(array)
     }
+}
+
+fn poses_and_sectors<'py>(
+    py: Python<'py>,
+    poses: &[(usize, RigidTransform)],
+) -> PyResult<(Bound<'py, PyArray3<f64>>, Bound<'py, PyArray1<i64>>)> {
+    let sectors = poses.iter().map(|(sector, _)| *sector as i64).collect();
+    let matrices = matrices(py, poses.iter().map(|(_, pose)| pose))?;
+    Ok((matrices, PyArray1::from_vec(py, sectors)))
 }
 
 fn locked(batch: &Mutex<Option<Batch>>) -> MutexGuard<'_, Option<Batch>> {

@@ -312,7 +312,7 @@ fn edge(
             [0, 1].map(|k| here.min_m[k].max(there.min_m[k])),
             [0, 1].map(|k| here.max_m[k].min(there.max_m[k])),
         ),
-        residual_m: 0.0,
+        residual_m: Some(0.0),
         is_imported: false,
     }
 }

@@ -9,7 +9,7 @@ use std::collections::{BTreeMap, VecDeque};
 use estimator_config::config;
 use nalgebra::Vector3;
 
-use super::sector::{Sector, SectorEdge};
+use super::sector::{Area, Sector, SectorEdge};
 use super::similarity::Similarity;
 use crate::error::SimulationError;
 
@@ -164,5 +164,33 @@ fn gap(edge: &SectorEdge, other: &Similarity) -> Gap {
         distance_m: (by_edge - by_other).norm(),
         angle_deg: rotation.angle().to_degrees(),
         scale: edge.to_from_here.scale() / other.scale(),
+    }
+}
+
+/// The smallest area around another one in another frame.
+pub(super) fn carried_area(area: &Area, to_from_here: &Similarity) -> Area {
+    let [z0, z1] = area.height_m;
+    let is_bounded = z0.is_finite() && z1.is_finite();
+    let heights = if is_bounded { [z0, z1] } else { [0.0; 2] };
+    let mut carried = [[f64::INFINITY; 3], [f64::NEG_INFINITY; 3]];
+    for x in [area.min_m[0], area.max_m[0]] {
+        for y in [area.min_m[1], area.max_m[1]] {
+            for z in heights {
+                let corner = to_from_here.apply([x, y, z]);
+                for k in 0..3 {
+                    carried[0][k] = carried[0][k].min(corner[k]);
+                    carried[1][k] = carried[1][k].max(corner[k]);
+                }
+            }
+        }
+    }
+    let [[x0, y0, z0], [x1, y1, z1]] = carried;
+    let unbounded = Area::new([x0, y0], [x1, y1]);
+    match is_bounded {
+        true => Area {
+            height_m: [z0, z1],
+            ..unbounded
+        },
+        false => unbounded,
     }
 }

@@ -150,8 +150,9 @@ pub struct SectorEdge {
     pub to_from_here: Similarity,
     /// Where both sectors show the scene, in the frame of this one.
     pub overlap: Area,
-    /// Root mean square residual of the alignment, m; 0 inside of a bundle.
-    pub residual_m: f64,
+    /// Root mean square residual of the alignment, m; 0 inside of a bundle, `None` where an import
+    /// does not state it.
+    pub residual_m: Option<f64>,
     /// Whether the transform was estimated between recordings. Only then may it have a scale, and
     /// only there are images cross-faded: inside of a bundle both sectors show the same Gaussians.
     pub is_imported: bool,

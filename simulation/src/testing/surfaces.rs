@@ -162,7 +162,7 @@ impl Surfaces {
 
     /// Gaussians at regular distances on all surfaces, `sector_from_here` of their frame. The
     /// pattern of their colors is a function of the position here.
-    pub(super) fn gaussians(
+    pub(crate) fn gaussians(
         &self,
         spacing_m: f64,
         sector_from_here: &RigidTransform,

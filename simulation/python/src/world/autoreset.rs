@@ -1,5 +1,6 @@
 //! When environments that ended are reset, as Gymnasium's vector environments name it.
 
+use cad_transforms::RigidTransform;
 use pyo3::PyResult;
 use simulation::{REWARD_TERMS, SimulationError, StepResult, World};
 
@@ -52,6 +53,8 @@ pub(crate) struct Ended {
     /// Observations of all environments.
     pub(crate) observations: Vec<f32>,
     pub(crate) result: StepResult,
+    /// Sectors and poses of the cameras of those that ended.
+    pub(crate) cameras: Vec<(usize, RigidTransform)>,
 }
 
 impl Batch {
@@ -116,6 +119,10 @@ impl Batch {
         let ended = Ended {
             observations: self.world.observations().to_vec(),
             result: self.world.result().clone(),
+            cameras: (0..mask.len())
+                .filter(|index| mask[*index])
+                .map(|index| self.world.world_from_camera(index))
+                .collect(),
             mask,
         };
         self.world.reset(Some(&ended.mask), None)?;

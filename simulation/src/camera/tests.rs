@@ -1,0 +1,211 @@
+use std::sync::Arc;
+
+use camera_models::{Distortion, Lens};
+
+use super::*;
+use crate::scene::{GaussianSource, GaussianStore, ResidencyConfig, SceneData, Sector};
+use crate::testing::{Surfaces, SyntheticScene};
+
+fn lens(distortion: Distortion) -> CameraModel {
+    CameraModel::new((96, 72), [52.0, 53.0, 46.8, 36.2], distortion)
+}
+
+/// Errors of depth against exact rays, m, of pixels whose surface is within 5 m, ascending, and the
+/// number of those without a depth.
+fn depth_errors(
+    frames: &Frames,
+    request: &FrameRequest,
+    model: &CameraModel,
+    truth: &Surfaces,
+) -> (Vec<f64>, usize) {
+    let lens = Lens::new(model);
+    let pose = request.world_from_camera;
+    let (mut errors, mut missing) = (Vec::new(), 0);
+    for row in 0..frames.height {
+        for column in 0..frames.width {
+            let Some(ray) = lens.unproject([column as f64, row as f64]) else {
+                continue;
+            };
+            // Of depth 1, so that the multiple is the depth.
+            let ray = ray.map(|v| v / ray[2]);
+            let found = truth.ray_m(pose.translation_m(), pose.rotate(ray));
+            let pixel = frames.width * row + column;
+            match found {
+                Some(depth) if depth <= 5.0 && frames.has_depth[pixel] => {
+                    errors.push((f64::from(frames.depth_m[pixel]) - depth).abs());
+                }
+                Some(depth) if depth <= 5.0 => missing += 1,
+                _ => {}
+            }
+        }
+    }
+    errors.sort_by(f64::total_cmp);
+    (errors, missing)
+}
+
+/// A scene with Gaussians at other distances.
+fn with_spacing(scene: &SyntheticScene, spacing_m: f64) -> Arc<GaussianStore> {
+    let splats = scene.surfaces[0].gaussians(spacing_m, &RigidTransform::identity());
+    let gaussians = splats::Scene {
+        splats: splats.unwrap(),
+        background: splats::Background::Constant([0.5; 3]),
+    };
+    let sector = Sector {
+        gaussians: Some(GaussianSource::new(gaussians, false).unwrap()),
+        ..scene.scene.sectors[0].clone()
+    };
+    let scene = Arc::new(SceneData::new("test", vec![sector]).unwrap());
+    Arc::new(GaussianStore::new(scene, ResidencyConfig::default()))
+}
+
+/// Median and 95th percentile of the depth errors of views of a walk and beside it, m.
+fn depth_percentiles(
+    scene: &SyntheticScene,
+    store: &Arc<GaussianStore>,
+    model: &CameraModel,
+    quality: Quality,
+) -> [f64; 2] {
+    let mut config = CameraConfig::new(*model).unwrap();
+    config.quality = quality;
+    let batch = CameraBatch::new(store.clone(), config).unwrap();
+    let (mut all, mut missing) = (Vec::new(), 0);
+    let references = &scene.scene.sectors[0].references;
+    for (number, at) in references.iter().step_by(references.len() / 4).enumerate() {
+        let yaw = 0.2 * number as f64 - 0.3;
+        let offset = [0.1 * number as f64, 0.0, 0.0];
+        let moved = RigidTransform::from_rotation_vector([0.0, yaw, 0.0], offset).unwrap();
+        let request = FrameRequest::new(0, *at * moved);
+        let mut frames = Frames::default();
+        batch.render(&[request], &mut frames).unwrap();
+        let (errors, without) = depth_errors(&frames, &request, model, &scene.surfaces[0]);
+        all.extend(errors);
+        missing += without;
+    }
+    all.sort_by(f64::total_cmp);
+    let name = model.distortion.name();
+    assert!(
+        missing * 100 <= all.len(),
+        "{name}: {missing} without depth of {}",
+        all.len()
+    );
+    [0.5, 0.95].map(|share| all[(share * (all.len() - 1) as f64) as usize])
+}
+
+#[test]
+fn depth_is_that_of_the_surfaces_with_all_lenses_on_and_off_the_walk() {
+    let lenses = [
+        lens(Distortion::None),
+        lens(Distortion::RadTan5 {
+            k1: -0.12,
+            k2: 0.02,
+            p1: 1e-3,
+            p2: -5e-4,
+            k3: 0.0,
+        }),
+        lens(Distortion::KannalaBrandt4 {
+            k1: 0.02,
+            k2: -0.01,
+            k3: 0.0,
+            k4: 0.0,
+        }),
+        lens(Distortion::DoubleSphere {
+            xi: -0.1,
+            alpha: 0.5,
+        }),
+    ];
+    for scene in [SyntheticScene::stairs(), SyntheticScene::kerb(0.12)] {
+        let scene = scene.unwrap();
+        // The depth of a Gaussian is that of its mean, so they and the pixels have to be small.
+        let store = with_spacing(&scene, 0.015);
+        for model in &lenses {
+            let model = scaled_model(model, [768, 576]).unwrap();
+            // Other lenses take the tiles of the exact renderer with both.
+            let qualities = match model.distortion {
+                Distortion::None => &[Quality::Exact, Quality::Detail][..],
+                _ => &[Quality::Exact],
+            };
+            for quality in qualities.iter().copied() {
+                let [median, p95] = depth_percentiles(&scene, &store, &model, quality);
+                let name = (&scene.scene.name, model.distortion.name(), quality);
+                println!("{name:?}: median {median:.4} m, p95 {p95:.4} m");
+                assert!(
+                    median <= 0.01 && p95 <= 0.03,
+                    "{name:?}: {median} m, {p95} m"
+                );
+            }
+        }
+    }
+}
+
+#[test]
+fn depth_errors_fall_with_the_size_of_pixels_and_gaussians() {
+    let scene = SyntheticScene::kerb(0.12).unwrap();
+    let error = |spacing_m: f64, width: u32| {
+        let store = with_spacing(&scene, spacing_m);
+        let model = scaled_model(&lens(Distortion::None), [width, width * 3 / 4]).unwrap();
+        depth_percentiles(&scene, &store, &model, Quality::Exact)
+    };
+    let all = [error(0.06, 96), error(0.03, 384), error(0.015, 768)];
+    println!("{all:?}");
+    for pair in all.windows(2) {
+        assert!(
+            pair[1][0] < pair[0][0] && pair[1][1] < pair[0][1],
+            "{all:?}"
+        );
+    }
+}
+
+#[test]
+fn lenses_of_another_size_have_the_same_rays_at_the_borders() {
+    let distortion = Distortion::RadTan4 {
+        k1: -0.1,
+        k2: 0.01,
+        p1: 1e-3,
+        p2: 2e-3,
+    };
+    let model = CameraModel::new((672, 376), [262.0, 263.0, 330.1, 190.4], distortion);
+    let size = [84, 48];
+    let small = scaled_model(&model, size).unwrap();
+    let [large_lens, small_lens] = [model, small].map(|model| Lens::new(&model));
+    for corner in [[0.0, 0.0], [1.0, 0.0], [0.3, 1.0]] {
+        // A border is half a pixel beyond the centers.
+        let of = |size: [u32; 2]| [0, 1].map(|k| corner[k] * f64::from(size[k]) - 0.5);
+        let a = large_lens.unproject(of([672, 376])).unwrap();
+        let b = small_lens.unproject(of(size)).unwrap();
+        for k in 0..3 {
+            assert!((a[k] - b[k]).abs() < 1e-9, "{a:?} {b:?}");
+        }
+    }
+    assert!(scaled_model(&model, [0, 48]).is_err());
+}
+
+#[test]
+fn settings_out_of_their_range_are_refused_by_name() {
+    let refused = |change: fn(&mut CameraConfig)| {
+        let mut config = CameraConfig::pinhole([8, 8], 1.0).unwrap();
+        change(&mut config);
+        config.check().unwrap_err().to_string()
+    };
+    assert!(refused(|c| c.far_m = f32::NAN).contains("far_m"));
+    assert!(refused(|c| c.model.width = 20_000).contains("20000x8"));
+    assert!(refused(|c| c.exposure.gain = 0.0).contains("gain"));
+    assert!(refused(|c| c.noise.full_well_e = -1.0).contains("full_well_e"));
+    assert!(refused(|c| c.shutter.blur_poses = 2).contains("odd"));
+    assert!(refused(|c| c.timing.latency_s = [1.0, 0.0]).contains("latency_s"));
+}
+
+#[test]
+fn a_camera_of_the_recording_keeps_its_lens_mount_and_readout() {
+    let mut recorded = SyntheticScene::room().unwrap().scene.sectors[0]
+        .recording
+        .cameras[0]
+        .clone();
+    recorded.line_s = 2e-5;
+    let size = [recorded.model.width / 4, recorded.model.height / 4];
+    let config = CameraConfig::of_recording(&recorded, size).unwrap();
+    assert_eq!(config.body_from_camera, recorded.rig_from_camera);
+    assert!((config.shutter.line_s - 8e-5).abs() < 1e-12);
+    assert_eq!(config.model.fx, recorded.model.fx / 4.0);
+    let text = serde_json::to_string(&config).unwrap();
+    assert_eq!(serde_json::from_str::<CameraConfig>(&text).unwrap(), config);
+}

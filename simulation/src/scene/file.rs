@@ -1,0 +1,159 @@
+//! Scenes of several bundles and imported recordings, with edges between them: a file in JSON.
+
+use std::path::Path;
+
+use serde::Deserialize;
+
+use super::beogym;
+use super::sector::{Area, SectorEdge};
+use super::similarity::Similarity;
+use super::{BundleConfig, SceneData, bundle, graph};
+use crate::error::SimulationError;
+
+/// Value of `format` in the file, and its version.
+const FORMAT: &str = "paws-scene-graph";
+const VERSION: u32 = 1;
+/// Longest file, bytes.
+const MAX_BYTES: u64 = 16 << 20;
+
+/// Content of a scene file.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct SceneFile {
+    format: String,
+    version: u32,
+    name: String,
+    recordings: Vec<RecordingEntry>,
+    #[serde(default)]
+    edges: Vec<EdgeEntry>,
+}
+
+/// A recording with one or several sectors.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct RecordingEntry {
+    /// Begin of the names of its sectors.
+    name: String,
+    /// Path of a bundle, relative to the file.
+    bundle: Option<String>,
+    /// Path of a folder of Beogym, relative to the file.
+    beogym: Option<String>,
+}
+
+/// An edge. Its reverse follows from it.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct EdgeEntry {
+    from: String,
+    to: String,
+    to_from_here: Similarity,
+    overlap_min_m: [f64; 2],
+    overlap_max_m: [f64; 2],
+    residual_m: f64,
+}
+
+/// Opens a scene file and everything it names.
+pub(super) fn open(path: &Path, config: &BundleConfig) -> Result<SceneData, SimulationError> {
+    let wrong = |found: String, expected: &str| SimulationError::Scene {
+        place: format!("scene file {}", path.display()),
+        found,
+        expected: expected.to_owned(),
+    };
+    let size = std::fs::metadata(path).map(|metadata| metadata.len());
+    let size = size.map_err(|error| wrong(error.to_string(), "a readable file"))?;
+    if size > MAX_BYTES {
+        return Err(wrong(format!("{size} bytes"), "at most 16 MiB"));
+    }
+    let text = std::fs::read(path).map_err(|error| wrong(error.to_string(), "a readable file"))?;
+    let file: SceneFile = serde_json::from_slice(&text).map_err(|error| {
+        wrong(
+            error.to_string(),
+            "a scene file as the reference page has it",
+        )
+    })?;
+    if file.format != FORMAT || file.version != VERSION {
+        let found = format!("format {:?} of version {}", file.format, file.version);
+        return Err(wrong(found, "paws-scene-graph of version 1"));
+    }
+    let folder = path.parent().unwrap_or(Path::new(""));
+    let mut hasher = blake3::Hasher::new();
+    hasher.update(&text);
+    let mut sectors = Vec::new();
+    let mut missing = Vec::new();
+    for entry in &file.recordings {
+        let part = match (&entry.bundle, &entry.beogym) {
+            (Some(path), None) => bundle::open(&folder.join(path), config)?,
+            (None, Some(path)) => beogym::open(&folder.join(path), &Default::default())?,
+            _ => {
+                let found = format!("recording {}", entry.name);
+                return Err(wrong(found, "either a bundle or a folder of Beogym"));
+            }
+        };
+        hasher.update(&part.hash);
+        let first = sectors.len();
+        for mut sector in part.sectors {
+            // Names within the recording follow its own one.
+            let rest = sector
+                .name
+                .strip_prefix(part.name.as_str())
+                .unwrap_or(&sector.name);
+            sector.name = format!("{}{rest}", entry.name);
+            for edge in &mut sector.edges {
+                edge.to += first;
+            }
+            sectors.push((first, sector));
+        }
+        missing.extend(part.missing);
+    }
+    let index = |name: &str| {
+        let found = sectors.iter().position(|(_, sector)| sector.name == name);
+        found.ok_or_else(|| {
+            let names: Vec<&str> = sectors.iter().map(|(_, of)| of.name.as_str()).collect();
+            let expected = format!("one of {}", names.join(", "));
+            wrong(format!("an edge with the sector {name:?}"), &expected)
+        })
+    };
+    let mut edges = Vec::new();
+    for entry in &file.edges {
+        let [from, to] = [index(&entry.from)?, index(&entry.to)?];
+        let overlap = Area::new(entry.overlap_min_m, entry.overlap_max_m);
+        if !(entry.residual_m >= 0.0 && overlap.min_m <= overlap.max_m) {
+            let found = format!("edge from {} to {}", entry.from, entry.to);
+            return Err(wrong(found, "corners in order and a residual of 0 or more"));
+        }
+        let edge = SectorEdge {
+            to,
+            to_from_here: entry.to_from_here,
+            overlap,
+            residual_m: Some(entry.residual_m),
+            is_imported: sectors[from].0 != sectors[to].0,
+        };
+        let is_listed = |from: &str, to: &str| {
+            file.edges
+                .iter()
+                .any(|other| other.from == from && other.to == to)
+        };
+        if !is_listed(&entry.to, &entry.from) {
+            edges.push((to, reverse(from, &edge)));
+        }
+        edges.push((from, edge));
+    }
+    for (from, edge) in edges {
+        sectors[from].1.edges.push(edge);
+    }
+    let sectors = sectors.into_iter().map(|(_, sector)| sector).collect();
+    SceneData::with_hash(&file.name, sectors, *hasher.finalize().as_bytes(), missing)
+}
+
+/// The edge back to a sector.
+pub(super) fn reverse(from: usize, edge: &SectorEdge) -> SectorEdge {
+    SectorEdge {
+        to: from,
+        to_from_here: edge.to_from_here.inverse(),
+        overlap: graph::carried_area(&edge.overlap, &edge.to_from_here),
+        ..edge.clone()
+    }
+}
+
+#[cfg(test)]
+mod tests;
