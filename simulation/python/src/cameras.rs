@@ -6,8 +6,10 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use cad_transforms::RigidTransform;
 use camera_models::{CameraModel, Distortion};
-use numpy::{PyArray1, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3};
-use numpy::PyUntypedArrayMethods;
+use numpy::{
+    PyArray1, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3,
+    PyUntypedArrayMethods,
+};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use simulation::{
@@ -42,10 +44,8 @@ impl PyCameras {
     /// starts no threads.
     #[new]
     fn new(scene: &PyScene, budget_bytes: u64) -> Self {
-        let config = ResidencyConfig {
-            budget_bytes,
-            ..ResidencyConfig::default()
-        };
+        let mut config = ResidencyConfig::default();
+        config.budget_bytes = budget_bytes;
         let store = Arc::new(GaussianStore::new(scene.data.clone(), config));
         Self {
             state: Mutex::new(Some(State {
@@ -194,7 +194,7 @@ fn requests(
     keys: &PyReadonlyArray2<'_, u64>,
 ) -> PyResult<Vec<FrameRequest>> {
     let (count, rows, columns) = (poses.shape()[0], poses.shape()[1], poses.shape()[2]);
-    if (rows, columns) != (4, 4) || sectors.len()? != count || keys.shape() != [count, 3] {
+    if (rows, columns) != (4, 4) || sectors.len() != count || keys.shape() != [count, 3] {
         return Err(SettingError::new_err(format!(
             "poses: found shapes {:?}, {:?} and {:?}, expected (N, 4, 4), N sectors and (N, 3) keys",
             poses.shape(),
