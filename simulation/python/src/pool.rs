@@ -72,6 +72,17 @@ pub(crate) fn run_long<T: Send + 'static>(
     work: impl FnOnce(&AtomicBool) -> T + Send + 'static,
 ) -> PyResult<T> {
     let pool = pool()?;
+    run_apart(py, move |is_cancelled| pool.install(|| work(is_cancelled)))
+}
+
+/// The same on a thread that ends with the work, for what comes before the first reset or image.
+///
+/// # Errors
+/// The exception of the signal.
+pub(crate) fn run_apart<T: Send + 'static>(
+    py: Python<'_>,
+    work: impl FnOnce(&AtomicBool) -> T + Send + 'static,
+) -> PyResult<T> {
     let is_cancelled = Arc::new(AtomicBool::new(false));
     let flag = is_cancelled.clone();
     let (to, done) = channel();
@@ -79,7 +90,7 @@ pub(crate) fn run_long<T: Send + 'static>(
     let worker = std::thread::Builder::new().name("paws-sim work".to_owned());
     worker.spawn(move || {
         // Nobody waits any longer after a signal.
-        let _ = to.send(pool.install(|| work(&flag)));
+        let _ = to.send(work(&flag));
     })?;
     loop {
         let wait = || {

@@ -28,7 +28,7 @@ impl PyScene {
     fn open(py: Python<'_>, path: PathBuf) -> PyResult<Self> {
         let path = path.canonicalize().unwrap_or(path);
         let source = path.display().to_string();
-        let opened = pool::run_long(py, move |_| SceneData::open(&path))?;
+        let opened = pool::run_apart(py, move |_| SceneData::open(&path))?;
         let data = opened.map_err(|error| exception(&error))?;
         Ok(Self {
             data: Arc::new(data),
@@ -55,7 +55,7 @@ impl PyScene {
                 )));
             }
         };
-        let made = pool::run_long(py, move |_| make())?.map_err(|error| exception(&error))?;
+        let made = pool::run_apart(py, move |_| make())?.map_err(|error| exception(&error))?;
         Ok(Self {
             data: made.scene,
             source: format!("synthetic:{name}"),

@@ -113,7 +113,7 @@ impl PyWorld {
     ) -> PyResult<()> {
         self.owner.check("the world")?;
         let mask = mask.map(|mask| mask.as_array().to_vec());
-        self.work(py, true, move |batch| batch.world.reset(mask.as_deref(), seeds.as_deref()))
+        self.work(py, true, move |batch| batch.reset(mask.as_deref(), seeds.as_deref()))
     }
 
     /// Advances all environments, with an autoreset of 0 (the step after the end), 1 (in the same

@@ -36,6 +36,8 @@ pub(crate) struct Batch {
     pub(crate) step: Step,
     pub(crate) ended: Option<Ended>,
     has_ended: Vec<bool>,
+    /// Whether there was a reset; the world refuses steps before it.
+    has_begun: bool,
 }
 
 /// Results of the last step.
@@ -70,7 +72,19 @@ impl Batch {
             },
             ended: None,
             has_ended: vec![false; count],
+            has_begun: false,
         }
+    }
+
+    /// Begins episodes.
+    pub(crate) fn reset(
+        &mut self,
+        mask: Option<&[bool]>,
+        seeds: Option<&[u64]>,
+    ) -> Result<(), SimulationError> {
+        self.world.reset(mask, seeds)?;
+        self.has_begun = true;
+        Ok(())
     }
 
     pub(crate) fn observation_len(&self) -> usize {
@@ -88,7 +102,10 @@ impl Batch {
         for (index, has_ended) in self.has_ended.iter_mut().enumerate() {
             *has_ended = self.world.has_ended(index);
         }
-        let first_ended = self.has_ended.iter().position(|ended| *ended);
+        let first_ended = match self.has_begun {
+            true => self.has_ended.iter().position(|ended| *ended),
+            false => None,
+        };
         if let (Autoreset::Disabled, Some(index)) = (autoreset, first_ended) {
             return Err(SimulationError::State(format!(
                 "environment {index} has ended and was not reset: \
@@ -132,6 +149,7 @@ impl Batch {
 
     /// An environment was restored: it has no reward and no flag.
     pub(crate) fn restored(&mut self, environment: usize) {
+        self.has_begun = true;
         self.step.rewards[environment] = 0.0;
         self.step.reward_terms[environment] = [0.0; REWARD_TERMS.len()];
         self.step.terminated[environment] = false;
