@@ -38,7 +38,9 @@ fn pool() -> PyResult<Arc<ThreadPool>> {
         }
         _ => {
             let name = |number| format!("paws-sim {number}");
-            let builder = ThreadPoolBuilder::new().num_threads(threads).thread_name(name);
+            let builder = ThreadPoolBuilder::new()
+                .num_threads(threads)
+                .thread_name(name);
             let started = builder.build().map_err(|error| {
                 PyRuntimeError::new_err(format!("threads could not be started: {error}"))
             })?;
@@ -88,7 +90,7 @@ pub(crate) fn run_apart<T: Send + 'static>(
     let (to, done) = channel();
     let done = Mutex::new(done);
     let worker = std::thread::Builder::new().name("paws-sim work".to_owned());
-    worker.spawn(move || {
+    let worker = worker.spawn(move || {
         // Nobody waits any longer after a signal.
         let _ = to.send(work(&flag));
     })?;
@@ -98,7 +100,12 @@ pub(crate) fn run_apart<T: Send + 'static>(
             done.recv_timeout(SIGNAL_INTERVAL)
         };
         match py.detach(wait) {
-            Ok(result) => return Ok(result),
+            Ok(result) => {
+                // Its end is near; afterwards no thread is left. It sent a result, so that it did
+                // not panic.
+                let _ = py.detach(|| worker.join());
+                return Ok(result);
+            }
             Err(RecvTimeoutError::Timeout) => py
                 .check_signals()
                 .inspect_err(|_| is_cancelled.store(true, Ordering::Relaxed))?,
@@ -122,7 +129,9 @@ impl Owner {
     /// [`StateError`] in a child process of the owner.
     pub(crate) fn check(&self, what: &str) -> PyResult<()> {
         let process = std::process::id();
-        let taken = self.0.compare_exchange(0, process, Ordering::Relaxed, Ordering::Relaxed);
+        let taken = self
+            .0
+            .compare_exchange(0, process, Ordering::Relaxed, Ordering::Relaxed);
         match taken {
             Ok(_) => Ok(()),
             Err(owner) if owner == process => Ok(()),

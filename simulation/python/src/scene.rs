@@ -71,27 +71,39 @@ impl PyScene {
     /// Hash of everything in it. Snapshots belong to a scene by it.
     #[getter]
     fn hash(&self) -> String {
-        self.data.hash.iter().map(|byte| format!("{byte:02x}")).collect()
+        self.data
+            .hash
+            .iter()
+            .map(|byte| format!("{byte:02x}"))
+            .collect()
     }
 
     /// Names of its sectors.
     #[getter]
     fn sectors(&self) -> Vec<String> {
-        self.data.sectors.iter().map(|sector| sector.name.clone()).collect()
+        self.data
+            .sectors
+            .iter()
+            .map(|sector| sector.name.clone())
+            .collect()
     }
 
     /// Outputs that it does not have: place, name of the output, features that this costs.
     #[getter]
     fn missing(&self) -> Vec<(String, String, String)> {
         let missing = self.data.missing().iter();
-        missing.map(|m| (m.place.clone(), m.output.clone(), m.features.clone())).collect()
+        missing
+            .map(|m| (m.place.clone(), m.output.clone(), m.features.clone()))
+            .collect()
     }
 
     /// Number of Gaussians of each sector.
     #[getter]
     fn gaussians(&self) -> Vec<usize> {
         let sectors = self.data.sectors.iter();
-        sectors.map(|sector| sector.gaussians.as_ref().map_or(0, |of| of.count())).collect()
+        sectors
+            .map(|sector| sector.gaussians.as_ref().map_or(0, |of| of.count()))
+            .collect()
     }
 
     /// Recorded camera poses `world_from_camera` in the frame of a sector, shape (N, 4, 4).

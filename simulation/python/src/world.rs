@@ -98,7 +98,10 @@ impl PyWorld {
     ) -> PyResult<(Bound<'py, PyArray1<f32>>, Bound<'py, PyArray1<f32>>)> {
         self.read(py, |batch| {
             let (low, high) = batch.world.observation_bounds();
-            (PyArray1::from_slice(py, low), PyArray1::from_slice(py, high))
+            (
+                PyArray1::from_slice(py, low),
+                PyArray1::from_slice(py, high),
+            )
         })
     }
 
@@ -113,7 +116,9 @@ impl PyWorld {
     ) -> PyResult<()> {
         self.owner.check("the world")?;
         let mask = mask.map(|mask| mask.as_array().to_vec());
-        self.work(py, true, move |batch| batch.reset(mask.as_deref(), seeds.as_deref()))
+        self.work(py, true, move |batch| {
+            batch.reset(mask.as_deref(), seeds.as_deref())
+        })
     }
 
     /// Advances all environments, with an autoreset of 0 (the step after the end), 1 (in the same
@@ -203,7 +208,9 @@ impl PyWorld {
         py: Python<'py>,
     ) -> PyResult<(Bound<'py, PyArray3<f64>>, Bound<'py, PyArray1<i64>>)> {
         let poses: Vec<_> = self.read(py, |batch| {
-            (0..self.environments).map(|index| batch.world.world_from_camera(index)).collect()
+            (0..self.environments)
+                .map(|index| batch.world.world_from_camera(index))
+                .collect()
         })?;
         poses_and_sectors(py, &poses)
     }
@@ -253,7 +260,9 @@ impl PyWorld {
             level,
             is_on_ground: true,
         };
-        self.work(py, false, move |batch| batch.world.place(environment, sector, &state))
+        self.work(py, false, move |batch| {
+            batch.world.place(environment, sector, &state)
+        })
     }
 
     /// A snapshot of an environment, at most 4 KB.

@@ -82,7 +82,13 @@ pub(crate) fn run(args: &[String]) -> Result<()> {
                 }));
             }
             if has("walks") {
-                walked.extend(walks(&walk.name(), walk.kind.name(), &surface, &truth, &options)?);
+                walked.extend(walks(
+                    &walk.name(),
+                    walk.kind.name(),
+                    &surface,
+                    &truth,
+                    &options,
+                )?);
             }
         }
         if has("shape") {
@@ -235,9 +241,9 @@ impl Options {
                 "--quick" => parsed.seeds = QUICK_SEEDS,
                 "--out" => parsed.out = rest.next().context("--out needs a folder")?.into(),
                 "--only" => parsed.parts = arguments::parts(rest.next(), &PARTS)?,
-                other => bail!(
-                    "unknown argument {other:?}, expected --quick, --only PARTS or --out DIR"
-                ),
+                other => {
+                    bail!("unknown argument {other:?}, expected --quick, --only PARTS or --out DIR")
+                }
             }
         }
         Ok(parsed)

@@ -128,8 +128,9 @@ impl Batch {
     }
 
     fn reset_in_same_step(&mut self) -> Result<(), SimulationError> {
-        let mask: Vec<bool> =
-            (0..self.world.environments()).map(|index| self.world.has_ended(index)).collect();
+        let mask: Vec<bool> = (0..self.world.environments())
+            .map(|index| self.world.has_ended(index))
+            .collect();
         if !mask.contains(&true) {
             return Ok(());
         }

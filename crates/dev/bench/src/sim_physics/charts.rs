@@ -63,7 +63,11 @@ fn by_course(rows: &[Value], chart: Chart, value: impl Fn(&Value) -> f64) -> Cha
 fn success(rows: &[Value]) -> Chart {
     let chart = Chart::new("Go2 over 5 m of kerb and stairs: share of runs that arrive")
         .subtitle("20 seeds each; the gait sees neither ground")
-        .y_axis(Axis::linear("runs that arrive", "%").include(0.0).include(100.0));
+        .y_axis(
+            Axis::linear("runs that arrive", "%")
+                .include(0.0)
+                .include(100.0),
+        );
     by_course(rows, chart, |row| 100.0 * number(row, "outcome.success"))
 }
 
@@ -90,7 +94,11 @@ fn steps(rows: &[Value]) -> Chart {
     Chart::new("Go2 over one step up: share of runs that arrive")
         .subtitle("20 seeds each; exact step, box on a plane")
         .x_axis(Axis::linear("height of the step", "cm").include(0.0))
-        .y_axis(Axis::linear("runs that arrive", "%").include(0.0).include(100.0))
+        .y_axis(
+            Axis::linear("runs that arrive", "%")
+                .include(0.0)
+                .include(100.0),
+        )
         .series(Series::line("", points))
 }
 

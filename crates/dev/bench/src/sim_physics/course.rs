@@ -44,7 +44,12 @@ impl Course {
 /// Courses up and down the steps that the walker went over in a direction: over the lowest edge
 /// of those going up, and over the highest of those going down.
 pub(super) fn courses(truth: &Truth<'_>) -> Vec<Course> {
-    let crossed = |crossing: Crossing| truth.edges.iter().filter(move |own| own.crossing == crossing);
+    let crossed = |crossing: Crossing| {
+        truth
+            .edges
+            .iter()
+            .filter(move |own| own.crossing == crossing)
+    };
     let height = |own: &&Step| own.edge.ends[0].z;
     let up = crossed(Crossing::Up).min_by(|a, b| height(a).total_cmp(&height(b)));
     let down = crossed(Crossing::Down).max_by(|a, b| height(a).total_cmp(&height(b)));
@@ -78,7 +83,8 @@ fn crossing_place(truth: &Truth<'_>, from: Vector3<f64>, to: Vector3<f64>) -> Op
         let away = (Vector3::from(print.middle).xy() - place).norm();
         (away + (print.middle[2] - from.z).abs(), place)
     });
-    near.min_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, place)| place)
+    near.min_by(|a, b| a.0.total_cmp(&b.0))
+        .map(|(_, place)| place)
 }
 
 /// True height of the ground on the level of the nearest footprint, m.
