@@ -263,6 +263,24 @@ class Usable(unittest.TestCase):
 
 
 class Module(unittest.TestCase):
+    def test_stubs_name_what_is_there(self):
+        import ast
+        import pathlib
+
+        text = pathlib.Path(_core.__file__).with_name("_core.pyi").read_text()
+        stubs = ast.parse(text).body
+        classes = [node for node in stubs if isinstance(node, ast.ClassDef)]
+        functions = [node for node in stubs if isinstance(node, ast.FunctionDef)]
+        public = {name for name in vars(_core) if not name.startswith("_")}
+        named = {node.name for node in (*classes, *functions)} | {"REWARD_TERMS"}
+        self.assertEqual(named, public)
+        for node in classes:
+            if issubclass(getattr(_core, node.name), BaseException):
+                continue
+            members = {of.name for of in node.body if isinstance(of, ast.FunctionDef)}
+            found = {name for name in vars(getattr(_core, node.name)) if not name.startswith("_")}
+            self.assertEqual(members - {"__init__"}, found, node.name)
+
     def test_threads_change_no_bit(self):
         results = []
         for threads in (1, 2, 4):

@@ -34,7 +34,7 @@ const GROUNDS: [usize; 2] = [0, 1];
 const SEEDS: usize = 20;
 const QUICK_SEEDS: usize = 3;
 /// Heights of single steps, cm.
-const STEPS_CM: [u32; 12] = [2, 4, 6, 8, 9, 10, 11, 12, 13, 14, 15, 17];
+const STEPS_CM: [u32; 8] = [4, 8, 10, 12, 13, 14, 15, 17];
 /// Farthest contact from the true surface, mm.
 pub(super) const CONTACT_GOAL_MM: f64 = 10.0;
 const SCRIPT: &str = "sim_physics/walk.py";
@@ -129,6 +129,8 @@ fn walks(
             let row = json!({
                 "ground": ground,
                 "course": course.name,
+                "first_edge_m": course.before_m,
+                "from_footprints_m": course.away_m,
                 "shape": kind,
                 "mujoco": answer["mujoco"],
                 "outcome": outcome(found),
@@ -181,6 +183,7 @@ fn outcome(found: &Value) -> Value {
         "success": share("goal"),
         "fall": share("fall"),
         "time": share("time"),
+        "trunk_touched": found["scraped"],
         "mean_progress_m": progress.iter().sum::<f64>() / progress.len().max(1) as f64,
         "progress_m": progress,
     })

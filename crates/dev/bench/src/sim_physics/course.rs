@@ -7,8 +7,8 @@ use crate::terrain::truth::{Crossing, Step, Truth};
 
 /// Length of a course, m.
 pub(super) const LENGTH_M: f64 = 5.0;
-/// From the start to the first edge, m.
-const BEFORE_M: f64 = 1.5;
+/// From the start to the first edge, m: the one whose course is nearest to the footprints.
+const BEFORE_M: [f64; 6] = [1.0, 1.5, 2.0, 2.5, 3.0, 3.5];
 /// The ground is searched below this height above the nearest footprint, m.
 const ABOVE_M: f64 = 0.4;
 
@@ -19,16 +19,23 @@ pub(super) struct Course {
     pub(super) start: [f64; 3],
     /// Unit vector.
     ahead: Vector2<f64>,
+    /// From the start to the first edge, m.
+    pub(super) before_m: f64,
+    /// Distance from the nearest footprint, where it is largest, m.
+    pub(super) away_m: f64,
 }
 
 impl Course {
-    /// A place on it, m ahead of the start and m to the left.
-    pub(super) fn at(&self, ahead: f64, left: f64) -> [f64; 2] {
-        let along = self.ahead;
-        [
-            self.start[0] + along.x * ahead - along.y * left,
-            self.start[1] + along.y * ahead + along.x * left,
-        ]
+    /// Whether a triangle may touch the ground within a distance of the course.
+    pub(super) fn is_beside(&self, corners: &[Vector3<f64>; 3], margin_m: f64) -> bool {
+        let start = Vector2::new(self.start[0], self.start[1]);
+        let across = Vector2::new(-self.ahead.y, self.ahead.x);
+        let overlaps = |axis: Vector2<f64>, low: f64, high: f64| {
+            let places = corners.map(|corner| axis.dot(&(corner.xy() - start)));
+            let is_above = places.iter().any(|v| *v > low - margin_m);
+            is_above && places.iter().any(|v| *v < high + margin_m)
+        };
+        overlaps(self.ahead, 0.0, LENGTH_M) && overlaps(across, 0.0, 0.0)
     }
 
     /// For the script.
@@ -59,12 +66,22 @@ pub(super) fn courses(truth: &Truth<'_>) -> Vec<Course> {
         // The lower side is on the right.
         let ahead = Vector2::new(-along.y, along.x) * sign;
         let middle = crossing_place(truth, from, to)?;
-        let start = middle - ahead * BEFORE_M;
+        let away = |before_m: &f64| {
+            let places = [0.0, 0.25, 0.5, 0.75, 1.0].map(|share| LENGTH_M * share - before_m);
+            let distances = places.map(|place| from_footprints(truth, middle + ahead * place));
+            distances.into_iter().fold(0.0, f64::max)
+        };
+        let before_m = BEFORE_M
+            .into_iter()
+            .min_by(|a, b| away(a).total_cmp(&away(b)))?;
+        let start = middle - ahead * before_m;
         let z = ground(truth, start.into())?;
         Some(Course {
             name: name.to_owned(),
             start: [start.x, start.y, z],
             ahead,
+            before_m,
+            away_m: away(&before_m),
         })
     };
     [of("up", up, 1.0), of("down", down, -1.0)]
@@ -87,8 +104,15 @@ fn crossing_place(truth: &Truth<'_>, from: Vector3<f64>, to: Vector3<f64>) -> Op
         .map(|(_, place)| place)
 }
 
+/// Horizontal distance from the nearest footprint, m.
+fn from_footprints(truth: &Truth<'_>, at: Vector2<f64>) -> f64 {
+    let prints = truth.footprints.iter();
+    let distances = prints.map(|print| (Vector3::from(print.middle).xy() - at).norm());
+    distances.fold(f64::INFINITY, f64::min)
+}
+
 /// True height of the ground on the level of the nearest footprint, m.
-pub(super) fn ground(truth: &Truth<'_>, at: [f64; 2]) -> Option<f64> {
+fn ground(truth: &Truth<'_>, at: [f64; 2]) -> Option<f64> {
     let distance = |x: &[f64; 3]| f64::hypot(x[0] - at[0], x[1] - at[1]);
     let nearest = truth
         .footprints
