@@ -27,7 +27,7 @@ cargo xtask VERB: set-up and developer verbs
         new ones. --list: print every place that counts, of all or of CRATE (or of the pages, `markdown`, or the charts,
         `svg`).
   bench NAME [--no-install] [ARGS...]
-        Run a benchmark (archive, sync, frame_sync, frames_kept, encode, import, soak, kills, power_cuts, vm_cost, sim, sim_images, sim_learn,
+        Run a benchmark (archive, sync, frame_sync, frames_kept, encode, import, soak, kills, power_cuts, vm_cost, sim, sim_images, sim_learn, sim_physics,
         calib, camera_imu, rectify, calib_verify, depth, odometry, odometry_calibration, odometry_faults, odometry_encoding,
         odometry_length, odometry_monte_carlo, odometry_scale, gtsam, foreign, feet, feet_camera, feet_faults, feet_length,
         splats, confidence, tag_detectors, terrain, render, or all) in release mode; results go to docs/benchmarks. ARGS are handed to the benchmark. `usd` runs OpenUSD's validators on an export
@@ -62,7 +62,7 @@ Exit code: 0 fine, 1 failed, 2 bad arguments, 3 finished with loss (demo).
 ";
 
 /// The benchmarks, in the order in which `bench all` runs them.
-pub(crate) const BENCHMARKS: [&str; 37] = [
+pub(crate) const BENCHMARKS: [&str; 38] = [
     "archive",
     "sync",
     "frame_sync",
@@ -76,6 +76,7 @@ pub(crate) const BENCHMARKS: [&str; 37] = [
     "sim",
     "sim_images",
     "sim_learn",
+    "sim_physics",
     "calib",
     "camera_imu",
     "rectify",

@@ -44,6 +44,9 @@ pub(crate) fn run(install: bool, names: &[&str], arguments: &[OsString]) -> Resu
     if names.contains(&"sim_learn") {
         environments.push(&python::LEARNING);
     }
+    if names.contains(&"sim_physics") {
+        environments.push(&python::PHYSICS);
+    }
     if names.contains(&"usd") {
         environments.push(&python::USD);
     }

@@ -33,6 +33,7 @@ mod posed_images;
 mod splats;
 mod summary;
 mod terrain_mesh;
+mod urdf;
 mod usda;
 
 pub use error::ExportError;
@@ -69,7 +70,7 @@ pub enum Format {
     TerrainObj,
     /// One file, the simplified mesh of the ground, y up.
     TerrainGlb,
-    /// One file, the simplified mesh of the ground as a collider.
+    /// One file, the simplified mesh of the ground, colliders and cameras.
     Usda,
     /// A folder with an image of the occupancy and its YAML for each level.
     MapServer,
@@ -79,6 +80,8 @@ pub enum Format {
     HeightGeotiff,
     /// A folder with `model.xml` and the height fields of the collision geometry.
     Mjcf,
+    /// A folder with `scene.urdf` and a mesh for each convex part.
+    Urdf,
     /// One file, the Gaussians, as 3DGS writes them.
     SplatPly,
     /// One file, the Gaussians, compressed.
@@ -91,7 +94,7 @@ pub enum Format {
 
 impl Format {
     /// All of them.
-    pub const ALL: [Self; 21] = [
+    pub const ALL: [Self; 22] = [
         Self::Tum,
         Self::Kitti,
         Self::Euroc,
@@ -109,6 +112,7 @@ impl Format {
         Self::GridMap,
         Self::HeightGeotiff,
         Self::Mjcf,
+        Self::Urdf,
         Self::SplatPly,
         Self::Spz,
         Self::Splat,
@@ -135,6 +139,7 @@ impl Format {
             Self::GridMap => "grid-map",
             Self::HeightGeotiff => "height-geotiff",
             Self::Mjcf => "mjcf",
+            Self::Urdf => "urdf",
             Self::SplatPly => "splat-ply",
             Self::Spz => "spz",
             Self::Splat => "splat",
@@ -159,7 +164,7 @@ impl Format {
                 &[outputs::TERRAIN]
             }
             Self::MapServer | Self::GridMap | Self::HeightGeotiff => &[outputs::MAPS],
-            Self::Mjcf => &[outputs::COLLISION],
+            Self::Mjcf | Self::Urdf => &[outputs::COLLISION],
             Self::SplatPly | Self::Spz | Self::Splat | Self::SplatGlb => &[outputs::SPLATS],
         }
     }
@@ -414,6 +419,7 @@ pub fn export(
         Format::GridMap => grid_map::export(scene, out)?,
         Format::HeightGeotiff => height_geotiff::export(scene, out)?,
         Format::Mjcf => mjcf::export(scene, out)?,
+        Format::Urdf => urdf::export(scene, out)?,
         Format::SplatPly => splats::export(scene, SplatFormat::Ply, out)?,
         Format::Spz => splats::export(scene, SplatFormat::Spz, out)?,
         Format::Splat => splats::export(scene, SplatFormat::Splat, out)?,

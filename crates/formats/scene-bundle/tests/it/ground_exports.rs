@@ -10,7 +10,7 @@ use serde_json::Value;
 use crate::ground;
 use crate::sample::{self, Sample};
 
-const FORMATS: [Format; 8] = [
+const FORMATS: [Format; 9] = [
     Format::TerrainPly,
     Format::TerrainObj,
     Format::TerrainGlb,
@@ -19,6 +19,7 @@ const FORMATS: [Format; 8] = [
     Format::GridMap,
     Format::HeightGeotiff,
     Format::Mjcf,
+    Format::Urdf,
 ];
 
 /// A bundle of one output.
@@ -48,6 +49,7 @@ fn every_export_says_what_it_leaves_out() {
         "unknown occupancy to not-a-number",
         "height-geotiff has elevations only",
         "unknown cells are 1 m below the lowest known one",
+        "URDF has no height fields",
     ]) {
         let summary = exported(&sample.scene(), format, &sample.out(format.name()));
         let has = |note: &String| note.contains(expected);

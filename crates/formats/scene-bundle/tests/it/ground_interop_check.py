@@ -100,10 +100,47 @@ def of_mujoco(arguments):
     }
 
 
-def of_usd(path):
-    from pxr import Usd, UsdGeom, UsdValidation
+def of_urdf(path):
+    """Parts of a description of MuJoCo's own reader: geoms and their vertices in the world."""
+    import mujoco
 
-    stage = Usd.Stage.Open(path)
+    model = mujoco.MjModel.from_xml_path(path)
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    parts = {}
+    for number in range(model.ngeom):
+        # Visual elements have no contacts.
+        if model.geom_contype[number] == 0:
+            continue
+        mesh = model.geom_dataid[number]
+        first = model.mesh_vertadr[mesh]
+        vertices = model.mesh_vert[first : first + model.mesh_vertnum[mesh]]
+        rotation = data.geom_xmat[number].reshape(3, 3)
+        parts[model.geom(number).name] = vertices @ rotation.T + data.geom_xpos[number]
+    return {"bodies": model.nbody, "joints": model.njnt, "parts": parts}
+
+
+def of_usd(arguments):
+    from pxr import Gf, Usd, UsdGeom, UsdPhysics, UsdValidation
+
+    stage = Usd.Stage.Open(arguments["path"])
+    colliders, pixels = {}, []
+    for prim in stage.GetPrimAtPath("/Terrain/Collision").GetChildren():
+        own = UsdGeom.Mesh(prim)
+        colliders[prim.GetName()] = {
+            "approximation": UsdPhysics.MeshCollisionAPI(prim).GetApproximationAttr().Get(),
+            "enabled": UsdPhysics.CollisionAPI(prim).GetCollisionEnabledAttr().Get(),
+            "points": np.array(own.GetPointsAttr().Get()),
+            "indices": np.array(own.GetFaceVertexIndicesAttr().Get()),
+        }
+    for name, seconds, point, size in arguments["points"]:
+        prim = UsdGeom.Camera(stage.GetPrimAtPath(f"/Terrain/Cameras/{name}"))
+        frustum = prim.GetCamera(Usd.TimeCode(seconds)).frustum
+        matrix = frustum.ComputeViewMatrix() * frustum.ComputeProjectionMatrix()
+        x, y, depth = matrix.Transform(Gf.Vec3d(*point))
+        assert abs(depth) < 1, "a point in front of the camera"
+        pixels.append([0.5 * (x + 1) * size[0] - 0.5, 0.5 * (1 - y) * size[1] - 0.5])
+    gravity = UsdPhysics.Scene(stage.GetPrimAtPath("/Terrain/PhysicsScene"))
     mesh = UsdGeom.Mesh(stage.GetPrimAtPath("/Terrain/Ground"))
     validators = UsdValidation.ValidationRegistry().GetOrLoadAllValidators()
     problems = UsdValidation.ValidationContext(validators).Validate(stage)
@@ -119,6 +156,10 @@ def of_usd(path):
         "normals": np.array(mesh.GetNormalsAttr().Get()),
         "interpolation": [mesh.GetNormalsInterpolation(), mesh.GetDisplayColorPrimvar().GetInterpolation()],
         "colors": np.array(mesh.GetDisplayColorAttr().Get()),
+        "enabled": UsdPhysics.CollisionAPI(mesh.GetPrim()).GetCollisionEnabledAttr().Get(),
+        "colliders": colliders,
+        "pixels": pixels,
+        "gravity": [*gravity.GetGravityDirectionAttr().Get(), gravity.GetGravityMagnitudeAttr().Get()],
         "validators": len(validators),
         "problems": [f"{problem.GetName()}: {problem.GetMessage()}" for problem in problems],
     }

@@ -50,6 +50,10 @@ class Dynamics:
     leg_mass_ratio: float = 1.616
     foot_friction: float = 0.786
     foot_torsion: float = 0.006134
+    #: MuJoCo's `solimp` and `solref` of the feet. Those of the model's file let a foot of 22 mm
+    #: sink in by 10 to 20 mm, so deep that it meets the sides of neighboring parts of a plane.
+    foot_solimp: tuple[float, float, float] = (0.9, 0.95, 0.001)
+    foot_solref: tuple[float, float] = (0.005, 1.0)
     #: Time constant of the torque, s.
     torque_lag_s: float = 0.0151
 
@@ -92,6 +96,8 @@ def go2_spec(dynamics: Dynamics | None = None) -> mujoco.MjSpec:
             body.mass *= dynamics.leg_mass_ratio
             body.inertia = np.asarray(body.inertia) * dynamics.leg_mass_ratio
         foot = spec.geom(leg)
+        foot.solimp[:3] = dynamics.foot_solimp
+        foot.solref = dynamics.foot_solref
         foot.friction = [dynamics.foot_friction, dynamics.foot_torsion, foot.friction[2]]
     trunk.add_camera(
         name="front", pos=CAMERA_IN_TRUNK_M, xyaxes=[0, -1, 0, 0, 0, 1], fovy=60.0
@@ -224,12 +230,15 @@ class Go2Walkers:
         return data.xpos[self.trunk].copy(), data.xmat[self.trunk].reshape(3, 3).copy()
 
     def has_fallen(self, environment: int) -> bool:
-        """Whether the trunk is tilted by more than 60 degrees or touches the scene."""
+        """Whether the trunk is tilted by more than 60 degrees or the physics diverged."""
+        data = self.scene.data[environment]
+        return self.scene.has_diverged(environment) or data.xmat[self.trunk][8] < 0.5
+
+    def trunk_touches(self, environment: int) -> bool:
+        """Whether the trunk touches the scene."""
         model, data = self.scene.model, self.scene.data[environment]
-        if self.scene.has_diverged(environment) or data.xmat[self.trunk][8] < 0.5:
-            return True
         for contact in data.contact[: data.ncon]:
-            bodies = model.geom_bodyid[list(contact.geom)]
+            bodies = model.geom_bodyid[contact.geom]
             if self.trunk in bodies and 0 in model.body_weldid[bodies]:
                 return True
         return False

@@ -197,6 +197,7 @@ class FootContacts:
     `gap_m` is the height of the foot's lowest point above the surface below it, negative in it:
     the collision shape, or what `surface` says.
     `full_pairs` counts pairs with as many contacts as MuJoCo keeps, whose forces may lack some.
+    `single` has a row for each single contact: index of the foot, point (m), normal and force (N).
     """
 
     is_touching: np.ndarray
@@ -205,6 +206,7 @@ class FootContacts:
     normal: np.ndarray
     gap_m: np.ndarray
     full_pairs: int
+    single: np.ndarray
 
 
 class MujocoScene:
@@ -346,6 +348,7 @@ class MujocoScene:
         weight = np.zeros(count)
         is_touching = np.zeros(count, bool)
         pairs: dict[tuple[int, int], int] = {}
+        single = []
         wrench = np.empty(6)
         foot_of = {int(geom): i for i, geom in enumerate(self._foot_ids)}
         for number in range(data.ncon):
@@ -362,19 +365,22 @@ class MujocoScene:
                 # Rows of the frame are its axes; the first one points from the first geom to the
                 # second, and the force acts on the second.
                 frame = contact.frame.reshape(3, 3)
+                own_force = sign * (frame.T @ wrench[:3])
                 is_touching[foot] = True
-                force[foot] += sign * (frame.T @ wrench[:3])
+                force[foot] += own_force
                 normal[foot] += wrench[0] * sign * frame[0]
                 # Halfway between the two surfaces; the distance is negative where they overlap.
                 on_ground = contact.pos - 0.5 * contact.dist * sign * frame[0]
                 point[foot] += wrench[0] * on_ground
                 weight[foot] += wrench[0]
+                single.append([foot, *on_ground, *(sign * frame[0]), *own_force])
         with np.errstate(invalid="ignore"):
             point /= weight[:, None]
             normal /= np.linalg.norm(normal, axis=1, keepdims=True)
         gap = np.array([self._gap_m(data, geom, surface) for geom in self._foot_ids])
         full = sum(count >= MAX_CONTACTS_OF_PAIR for count in pairs.values())
-        return FootContacts(is_touching, force, point, normal, gap, full)
+        rows = np.array(single).reshape(-1, 10)
+        return FootContacts(is_touching, force, point, normal, gap, full, rows)
 
     def _gap_m(self, data: mujoco.MjData, geom: int, surface) -> float:
         center = data.geom_xpos[geom]
