@@ -4,10 +4,10 @@
 //! from the ground truth after the best rigid fit, or without ground truth by the stated sigma,
 //! with a caption; the status of the rig over time; cloud and path in three dimensions and from two
 //! sides; footsteps on the height map and feet over time; the mesh of the ground; a flight through
-//! the scene of Gaussians, and held-out images beside those that it renders; each stage with time
-//! and memory; and all notes and losses of stages. Missing outputs are named and left out. It is
-//! one file of less than 25 MB. Its text is a function of the bundle, of the ground truth, of the
-//! stage timings and of the images beside the bundle.
+//! the scene of Gaussians, and held-out images beside those that it renders; the film of a
+//! simulated agent; each stage with time and memory; and all notes and losses of stages. Missing
+//! outputs are named and left out. It is one file of less than 25 MB. Its text is a function of the
+//! bundle, of the ground truth, of the stage timings and of the images beside the bundle.
 
 use charts::{Axis, Cell, Chart, Image, Page, Series, Span, Table, Timeline, si};
 use scene_bundle::outputs::cloud::CloudPoint;
@@ -24,6 +24,7 @@ use ground::Ground;
 use png_file::png;
 use trajectory_map::Step;
 
+mod agent_film;
 mod colors;
 mod error;
 mod facts;
@@ -151,6 +152,7 @@ pub fn report(
         .collect();
     page = ground.add(page, &rig_path)?;
     page = gaussians.add(page);
+    page = agent_film::add(page, &scene.path())?;
     page = stages_section(page, scene)?;
     Ok(Report {
         summary: summary(evaluation.as_ref(), cloud.as_deref(), &ground),

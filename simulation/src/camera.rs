@@ -12,6 +12,7 @@ mod frames;
 mod latency;
 mod noise;
 mod sensor;
+mod support;
 
 use cad_transforms::RigidTransform;
 use camera_models::CameraModel;
@@ -22,6 +23,7 @@ pub use frames::{CameraBatch, FrameBuffers, FrameRequest, Frames, NoiseKey, Rend
 pub use latency::{CameraSchedule, CameraView, Capture, FrameQueue, TimingConfig};
 pub use noise::NoiseConfig;
 pub use sensor::{DepthKind, Quality, ShutterConfig, pinhole, scaled_model};
+pub use support::support_samples;
 
 use crate::error::SimulationError;
 use crate::scene::RecordingCamera;

@@ -2,8 +2,8 @@
 //!
 //! Contract: paths are taut strings around what blocks the agent, not chains of eight directions:
 //! lengths are horizontal, at most half a percent above those of a visibility graph. The method is
-//! Dijkstra's with line of sight to the point before (Theta*: Nash, Daniel, Koenig and Felner 2007),
-//! so that the predecessor of a cell is the next corner of its path.
+//! Dijkstra's with line of sight to the point before (Theta*: Nash, Daniel, Koenig and Felner
+//! 2007), so that the predecessor of a cell is the next corner of its path.
 
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;

@@ -8,10 +8,13 @@
 mod agent;
 mod alignment;
 mod camera;
+mod confidence;
 mod episode;
 mod error;
 mod geodesic;
 mod ground;
+mod guide;
+mod map_image;
 mod randomness;
 mod reference_poses;
 mod scene;
@@ -24,8 +27,9 @@ pub use alignment::{Alignment, AlignmentConfig, AlignmentModel, align_points, al
 pub use camera::{
     CameraBatch, CameraConfig, CameraSchedule, CameraView, Capture, DepthKind, ExposureConfig,
     FrameBuffers, FrameQueue, FrameRequest, Frames, NoiseConfig, NoiseKey, Quality, RenderReport,
-    ShutterConfig, TimingConfig, pinhole, scaled_model,
+    ShutterConfig, TimingConfig, pinhole, scaled_model, support_samples,
 };
+pub use confidence::ObservedScene;
 pub use episode::{
     EndConfig, EndReason, REWARD_TERMS, RandomizationConfig, RewardConfig, StartConfig, StartMode,
     Task, TaskConfig,
@@ -33,6 +37,8 @@ pub use episode::{
 pub use error::SimulationError;
 pub use geodesic::DistanceField;
 pub use ground::{Cover, Ground, Surface};
+pub use guide::Guide;
+pub use map_image::MapImage;
 pub use randomness::{RandomStream, Stream};
 pub use reference_poses::{Deviation, DeviationConfig, ReferencePoses, SupportMap, SupportSample};
 pub use scene::{

@@ -22,7 +22,7 @@ config! {
         pub distance_m: f64 = 3.0,
         /// Angle of viewing directions that counts as one, rad. Source: PAWS augments views by at
         /// most 30 degrees.
-        pub angle_rad: f64 = 0.523_598_775_598_298_9,
+        pub angle_rad: f64 = std::f64::consts::FRAC_PI_6,
     }
 }
 

@@ -1,9 +1,9 @@
 //! Scenes: sectors with what was reconstructed of them, and edges between the sectors.
 //!
-//! Contract: a [`SceneData`] does not change and is shared by all worlds and cameras. Opening checks
-//! the hash of every file that may be used later; a damaged one is an error with its name, a missing
-//! output is listed in [`SceneData::missing`] with the features that it costs. Gaussians are only
-//! checked at opening, and loaded when they are needed.
+//! Contract: a [`SceneData`] does not change and is shared by all worlds and cameras. Opening
+//! checks the hash of every file that may be used later; a damaged one is an error with its name, a
+//! missing output is listed in [`SceneData::missing`] with the features that it costs. Gaussians
+//! are only checked at opening, and loaded when they are needed.
 
 mod beogym;
 mod bundle;

@@ -4,7 +4,7 @@
 //! From them come the walkable levels, a recorded walk and Gaussians that cover all surfaces. A
 //! scene is made in memory, in a second at most.
 
-mod levels;
+pub(crate) mod levels;
 mod surfaces;
 mod walk;
 
@@ -22,6 +22,8 @@ use crate::scene::{Area, GaussianSource, SceneData, Sector, SectorEdge, Similari
 pub const CELL_M: f64 = 0.04;
 /// Distance of the Gaussians on surfaces, m.
 const SPACING_M: f64 = 0.06;
+/// How far maps of the corridor reach beyond the area of their sector, m: 25 cells.
+const MAP_MARGIN_M: f64 = 1.0;
 /// Color behind everything.
 const SKY: [f32; 3] = [0.55, 0.7, 0.9];
 /// Height of walls, m.
@@ -194,6 +196,22 @@ impl SyntheticScene {
     /// # Errors
     /// None for this scene; the type is that of the others.
     pub fn corridor_loop() -> Result<Self, SimulationError> {
+        Self::corridor_loop_with(SPACING_M)
+    }
+
+    /// The same with another distance between Gaussians, m; 7 % more from side to side. Depth
+    /// depends on it: surfaces seen at a grazing angle are known to about half of it.
+    ///
+    /// # Errors
+    /// [`SimulationError::Scene`] for a distance that is not above 0.
+    pub fn corridor_loop_with(spacing_m: f64) -> Result<Self, SimulationError> {
+        if !(spacing_m > 0.0 && spacing_m.is_finite()) {
+            return Err(SimulationError::Scene {
+                place: "Gaussians of a synthetic scene".to_owned(),
+                found: format!("a distance of {spacing_m} m"),
+                expected: "a number above 0".to_owned(),
+            });
+        }
         let (size, width, t) = (12.0, 2.0, 4.0 * CELL_M);
         let mut world = Surfaces::default();
         let inner = size - width;
@@ -229,10 +247,16 @@ impl SyntheticScene {
         let (mut sectors, mut surfaces) = (Vec::new(), Vec::new());
         for (side, side_from_world) in frames.iter().enumerate() {
             let here = world.carried(side_from_world);
-            let (min, max) = ([-t, -t], [size + t, width + t]);
+            // Maps reach beyond the area: agents at the border stand on the ground of one sector.
+            let (min, max) = (
+                [-MAP_MARGIN_M; 2],
+                [size + MAP_MARGIN_M, width + MAP_MARGIN_M],
+            );
             let z = side_from_world.translation_m()[2];
             let walk = [[0.5, 0.5 * width, z], [size - 0.5, 0.5 * width, z]];
-            let splats = world.gaussians(SPACING_M, &side_from_world.rigid())?;
+            // Recordings of their own: no sector has the Gaussians of another one.
+            let spacing_m = spacing_m * (1.0 + 0.07 * side as f64);
+            let splats = world.gaussians(spacing_m, &side_from_world.rigid())?;
             let mut sector = sector(&format!("side {side}"), &here, [min, max], splats, &walk)?;
             sector.area = Area::new([0.0; 2], [size, width]);
             sector.edges = [(side + 1) % 4, (side + 3) % 4]

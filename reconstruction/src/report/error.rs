@@ -30,6 +30,14 @@ pub enum ReportError {
         /// Error of the operating system.
         source: io::Error,
     },
+    /// The film of an agent cannot be read.
+    #[error("reading the film of an agent: {}", path.display())]
+    Film {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong with it.
+        source: io::Error,
+    },
     /// The ground truth of feet cannot be read.
     #[error(transparent)]
     GroundTruth(#[from] GroundTruthError),

@@ -121,9 +121,7 @@ pub(super) fn fly(config: &AgentConfig, state: &AgentState, parts: &[f64; 6], dt
     let moved = rotate(velocity.map(|v| v * dt_s));
     let turn = |part: f64| part * config.max_yaw_rate_rad_s * dt_s;
     let mut next = *state;
-    for k in 0..3 {
-        next.position_m[k] += moved[k];
-    }
+    next.position_m = [0, 1, 2].map(|k| state.position_m[k] + moved[k]);
     let quarter = std::f64::consts::FRAC_PI_2;
     next.roll_rad = wrap(state.roll_rad + turn(parts[3]));
     next.pitch_rad = (state.pitch_rad + turn(parts[4])).clamp(-quarter, quarter);

@@ -46,8 +46,8 @@ impl Pairs {
     }
 }
 
-/// Interpolates the reference at the times of the estimate plus an offset, where it has poses around
-/// that are at most a gap apart.
+/// Interpolates the reference at the times of the estimate plus an offset, where it has poses
+/// around that are at most a gap apart.
 pub(super) fn associate(
     estimate: &Trajectory,
     reference: &Trajectory,

@@ -37,7 +37,7 @@ config! {
         /// Greatest horizontal offset from the recorded camera, m. Source of a limit: PAWS, 3 m.
         pub max_offset_m: f64 = 1.0,
         /// Greatest yaw between the camera and the recorded one, rad. Source: PAWS, 30 degrees.
-        pub max_offset_rad: f64 = 0.523_598_775_598_298_9,
+        pub max_offset_rad: f64 = std::f64::consts::FRAC_PI_6,
         /// Horizontal distance to the nearest edge, obstacle or unknown cell, at least, m. Starts
         /// nearer than the agent's radius would begin with a collision.
         pub min_clearance_m: f64 = 0.30,

@@ -102,9 +102,9 @@ impl<'a> VisibilityGraph<'a> {
             .min_by(|a, b| graph.left_m[*a].total_cmp(&graph.left_m[*b]))
         {
             is_closed[best] = true;
-            for to in 0..graph.nodes.len() {
+            for (to, is_closed) in is_closed.iter().enumerate() {
                 let (a, b) = (graph.nodes[best], graph.nodes[to]);
-                if !is_closed[to] && graph.sees(a, b) {
+                if !is_closed && graph.sees(a, b) {
                     let along = graph.left_m[best] + length(a, b);
                     graph.left_m[to] = graph.left_m[to].min(along);
                 }

@@ -67,8 +67,8 @@ impl SceneData {
     }
 
     /// The edge over which images are cross-faded at a position, and the weight of the other
-    /// sector: a smoothstep of the signed distance to the border, 0.5 on it, the same seen from both
-    /// sides. `None` inside of recordings and beyond the band.
+    /// sector: a smoothstep of the signed distance to the border, 0.5 on it, the same seen from
+    /// both sides. `None` inside of recordings and beyond the band.
     ///
     /// # Panics
     /// For a sector that does not exist.
@@ -114,3 +114,6 @@ impl SceneData {
         best
     }
 }
+
+#[cfg(test)]
+mod tests;

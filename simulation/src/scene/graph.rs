@@ -194,3 +194,6 @@ pub(super) fn carried_area(area: &Area, to_from_here: &Similarity) -> Area {
         false => unbounded,
     }
 }
+
+#[cfg(test)]
+mod tests;

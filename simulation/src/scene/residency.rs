@@ -48,11 +48,10 @@ pub struct SectorGaussians {
 /// use simulation::testing::SyntheticScene;
 /// use simulation::{GaussianStore, ResidencyConfig};
 ///
-/// let room = SyntheticScene::room()?;
-/// let store = GaussianStore::new(room.scene.clone(), ResidencyConfig::default());
-/// let content = store.content(0)?;
-/// assert_eq!(content.exact.splats.len(), room.scene.sectors[0].gaussians.as_ref().unwrap().count());
-/// assert_eq!(store.resident(), [0]);
+/// let room = SyntheticScene::room()?; let store = GaussianStore::new(room.scene.clone(),
+/// ResidencyConfig::default()); let content = store.content(0)?;
+/// assert_eq!(content.exact.splats.len(),
+/// room.scene.sectors[0].gaussians.as_ref().unwrap().count()); assert_eq!(store.resident(), [0]);
 /// # Ok::<(), simulation::SimulationError>(())
 /// ```
 pub struct GaussianStore {

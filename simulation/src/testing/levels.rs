@@ -10,7 +10,7 @@ use crate::scene::measures::{MIN_EDGE_M, complete, slope_of};
 const OBSTACLE_M: [f64; 2] = [0.2, 1.9];
 
 /// The levels of a scene in the cells of a rectangle.
-pub(super) fn levels(
+pub(crate) fn levels(
     surfaces: &Surfaces,
     min_m: [f64; 2],
     max_m: [f64; 2],
@@ -84,10 +84,12 @@ fn mark_obstacles(level: &mut MapLevel, surfaces: &Surfaces, patches: &[&Patch])
             // A border on a border does not touch.
             let reach = 0.5 * grid.cell_m - 1e-6;
             let touches = (0..2).all(|k| low[k] < center[k] + reach && high[k] > center[k] - reach);
-            let ground = patches.iter().filter_map(|patch| patch.height_m(center));
-            let Some(ground) = ground.max_by(f64::total_cmp).filter(|_| touches) else {
+            if !touches {
                 continue;
-            };
+            }
+            // Without ground below it stands on its own.
+            let ground = patches.iter().filter_map(|patch| patch.height_m(center));
+            let ground = ground.max_by(f64::total_cmp).unwrap_or(low[2]);
             if high[2] > ground + OBSTACLE_M[0] && low[2] < ground + OBSTACLE_M[1] {
                 forget(level, cell);
                 level.occupancy[cell] = OCCUPIED;

@@ -76,6 +76,8 @@ pub struct Surfaces {
     pub patches: Vec<Patch>,
     /// Boxes that stand on the ground, by their corners, m. Their faces are among the patches.
     pub obstacles: Vec<[[f64; 3]; 2]>,
+    /// Takes points to the frame of the pattern of colors.
+    pattern_from_here: Option<Similarity>,
 }
 
 impl Surfaces {
@@ -134,11 +136,28 @@ impl Surfaces {
     /// The multiple of a direction at which a ray meets the first surface. With a direction of
     /// depth 1 in a camera, rotated to the world, it is the depth.
     pub fn ray_m(&self, origin_m: [f64; 3], direction: [f64; 3]) -> Option<f64> {
+        self.first_hit(origin_m, direction).map(|(t, _)| t)
+    }
+
+    /// The exact color that a ray meets, 0 to 1.
+    pub fn color(&self, origin_m: [f64; 3], direction: [f64; 3]) -> Option<[f32; 3]> {
+        let (t, patch) = self.first_hit(origin_m, direction)?;
+        let at_m = [0, 1, 2].map(|k| origin_m[k] + t * direction[k]);
+        let to_pattern = self.pattern_from_here.as_ref();
+        Some(pattern(
+            patch.color,
+            to_pattern.map_or(at_m, |to| to.apply(at_m)),
+        ))
+    }
+
+    fn first_hit(&self, origin_m: [f64; 3], direction: [f64; 3]) -> Option<(f64, &Patch)> {
+        let hit = |patch| Some((Patch::hit(patch, origin_m, direction)?, patch));
         let hits = self
             .patches
             .iter()
-            .filter_map(|patch| patch.hit(origin_m, direction));
-        hits.filter(|t| *t > 1e-9).min_by(f64::total_cmp)
+            .filter_map(hit)
+            .filter(|(t, _)| *t > 1e-9);
+        hits.min_by(|a, b| a.0.total_cmp(&b.0))
     }
 
     /// The same surfaces in another frame.
@@ -157,6 +176,7 @@ impl Surfaces {
                 .map(|patch| patch.carried(to_from_here))
                 .collect(),
             obstacles: self.obstacles.iter().map(corners).collect(),
+            pattern_from_here: Some(to_from_here.inverse()),
         }
     }
 

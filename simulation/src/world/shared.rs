@@ -68,8 +68,8 @@ impl Shared {
         })
     }
 
-    /// Deviation of a camera from recorded ones as its limits count it, and the PSNR predicted from it; 0 dB without a
-    /// support map.
+    /// Deviation of a camera from recorded ones as its limits count it, and the PSNR predicted from
+    /// it; 0 dB without a support map.
     pub(crate) fn deviation(
         &self,
         sector: u32,

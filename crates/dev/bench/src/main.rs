@@ -34,6 +34,7 @@ mod sim;
 mod sim_images;
 mod sim_learn;
 mod sim_physics;
+mod sim_render;
 mod soak;
 mod splats;
 mod stamp;
@@ -107,6 +108,7 @@ const BENCHMARKS: &[(&str, Run)] = &[
     ("sim_images", sim_images::run),
     ("sim_learn", sim_learn::run),
     ("sim_physics", sim_physics::run),
+    ("sim_render", sim_render::run),
     ("soak", soak::run),
     ("splats", splats::run),
     ("sync", sync::run),

@@ -22,10 +22,11 @@ use serde_json::{Map, Value, json};
 use splats::{Camera, DetailConfig, DetailScene, RenderConfig, Renderer};
 
 mod charts;
-mod measure;
-mod poses;
+pub(crate) mod measure;
+pub(crate) mod poses;
 mod scenes;
 
+pub(crate) use charts::PAWS_SIM;
 use measure::{Quality, Speed};
 use poses::{camera, reference_poses};
 use scenes::{Reconstruction, TUNING, WALKS, Walk};

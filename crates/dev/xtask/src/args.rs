@@ -30,7 +30,7 @@ cargo xtask VERB: set-up and developer verbs
         Run a benchmark (archive, sync, frame_sync, frames_kept, encode, import, soak, kills, power_cuts, vm_cost, sim, sim_images, sim_learn, sim_physics,
         calib, camera_imu, rectify, calib_verify, depth, odometry, odometry_calibration, odometry_faults, odometry_encoding,
         odometry_length, odometry_monte_carlo, odometry_scale, gtsam, foreign, feet, feet_camera, feet_faults, feet_length,
-        splats, confidence, tag_detectors, terrain, render, or all) in release mode; results go to docs/benchmarks. ARGS are handed to the benchmark. `usd` runs OpenUSD's validators on an export
+        splats, confidence, tag_detectors, terrain, render, sim_render, or all) in release mode; results go to docs/benchmarks. ARGS are handed to the benchmark. `usd` runs OpenUSD's validators on an export
         of the ground, which the tests leave out for the size of that package.
   vm-test [--no-install] [--quick] [--qemu] [--cached] [NAMES...]
         Run the tests on real kernel drivers, in virtual machines (docs/guides/vm-tests.md): the cases named,
@@ -62,7 +62,7 @@ Exit code: 0 fine, 1 failed, 2 bad arguments, 3 finished with loss (demo).
 ";
 
 /// The benchmarks, in the order in which `bench all` runs them.
-pub(crate) const BENCHMARKS: [&str; 38] = [
+pub(crate) const BENCHMARKS: [&str; 39] = [
     "archive",
     "sync",
     "frame_sync",
@@ -100,6 +100,7 @@ pub(crate) const BENCHMARKS: [&str; 38] = [
     "tag_detectors",
     "terrain",
     "render",
+    "sim_render",
     "usd",
 ];
 

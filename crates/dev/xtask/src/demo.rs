@@ -4,11 +4,11 @@
 //! dropping nothing however busy it is; `paws` imports, validates, indexes and hands over the
 //! session; `paws-reconstruct` reads every frame back and estimates the trajectory of the rig,
 //! which is compared with the simulated ground truth, a point cloud and a scene of Gaussians of a
-//! short training, all shown on a page. Each stage is the program a user would start, with the
-//! command line shown. A stage that fails ends the demo with the last lines it printed and the path
-//! of its whole output; one that finished with loss, or a verdict of FAIL, is marked, the demo goes
-//! on and ends as finished with loss. Nothing is written outside the demo's folder and the target
-//! folder.
+//! short training; `paws-sim` lets an agent walk through that scene; all is shown on a page. Each
+//! stage is the program a user would start, with the command line shown. A stage that fails ends
+//! the demo with the last lines it printed and the path of its whole output; one that finished with
+//! loss, or a verdict of FAIL, is marked, the demo goes on and ends as finished with loss. Nothing
+//! is written outside the demo's folder and the target folder.
 
 mod cameras;
 
@@ -48,7 +48,12 @@ pub(crate) fn run(install: bool, seconds: u32, folder: Option<PathBuf>) -> Resul
 }
 
 /// What is built: all programs that the demo starts.
-const PACKAGES: [&str; 3] = ["capture-daemon", "collector", "reconstruction"];
+const PACKAGES: [&str; 4] = [
+    "capture-daemon",
+    "collector",
+    "reconstruction",
+    "simulation",
+];
 
 /// What the first build takes, measured as README.md says.
 const BUILD_MINUTES: u32 = 6;
@@ -66,7 +71,7 @@ const NAME: &str = "demo";
 /// Where things lie while the demo runs.
 struct Demo {
     folder: PathBuf,
-    /// Holds `pawsd`, `paws` and `paws-reconstruct`.
+    /// Holds `pawsd`, `paws`, `paws-reconstruct` and `paws-sim`.
     programs: PathBuf,
     /// Whether a stage finished with loss.
     with_loss: Cell<bool>,
@@ -103,7 +108,7 @@ impl Demo {
         })
     }
 
-    /// The stages in their order. All command lines of the three programs stand here.
+    /// The stages in their order. All command lines of the programs stand here.
     fn main_job(&self, seconds: u32) -> Result<Ending> {
         let start = Instant::now();
         let path = |name: &str| self.folder.join(name).display().to_string();
@@ -175,6 +180,7 @@ impl Demo {
                 SPLAT_STEPS,
             ],
         )?;
+        self.stage("simulate", "paws-sim", &["film", &scene])?;
         let truth = Path::new(&handoff).with_file_name("rig/truth.left_shoulder.csv");
         let truth = truth.display().to_string();
         let off = self.stage(

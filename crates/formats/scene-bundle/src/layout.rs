@@ -10,6 +10,8 @@ pub const LOCK: &str = "lock";
 pub const STAGE_TIMINGS: &str = "stage_timings.jsonl";
 /// Small images of each camera; not part of the bundle.
 pub const CAMERA_IMAGES: &str = "seen.jsonl";
+/// Film of an agent in the scene; not part of the bundle.
+pub const FILM: &str = "film.jsonl";
 /// State of a training of the stage `splats` that was not completed; not part of the bundle.
 pub const SPLATS_CHECKPOINT: &str = "splats.checkpoint";
 /// Report page of the bundle; not part of it.

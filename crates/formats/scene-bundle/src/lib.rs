@@ -44,6 +44,7 @@ pub mod bundle;
 pub mod draft;
 pub mod error;
 pub mod export;
+pub mod film;
 pub mod formats;
 pub mod judgement;
 pub mod layout;

@@ -89,6 +89,8 @@ pub fn verify(scene: &Scene, mut progress: impl FnMut(u64)) -> Result<VerifyRepo
         layout::LOCK,
         layout::STAGE_TIMINGS,
         layout::PAGE,
+        layout::CAMERA_IMAGES,
+        layout::FILM,
         layout::SPLATS_CHECKPOINT,
     ];
     let mut named = BTreeSet::from(known.map(str::to_owned));

@@ -29,6 +29,7 @@
 
 mod axis;
 mod chart;
+mod film;
 mod geometry;
 mod html;
 mod inspect;
@@ -44,6 +45,7 @@ mod tests;
 
 pub use axis::{Axis, si, significant};
 pub use chart::Chart;
+pub use film::{Film, FilmFrame, FilmMap};
 pub use html::{Cell, Image, Page, Table, Verdict, base64};
 pub use inspect::inspect;
 pub use series::{BREAK, Bins, Series};

@@ -1,8 +1,8 @@
 //! Colors and depth of one pose: one sector, or two that are cross-faded.
 //!
 //! Inside of a recording all sectors show the same Gaussians. Only near a border to another
-//! recording two images are rendered: colors are blended by the weight of each sector, premultiplied
-//! and with what is behind, depths by weight and alpha.
+//! recording two images are rendered: colors are blended by the weight of each sector,
+//! premultiplied and with what is behind, depths by weight and alpha.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;

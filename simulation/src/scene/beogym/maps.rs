@@ -3,8 +3,8 @@
 //! The points of a cell form clusters along the vertical. A flat cluster with head room above is a
 //! surface, its height the median of its points; what stands higher than a step above a surface and
 //! lower than the head room is an obstacle. A cell without points is unknown. Nothing is blurred or
-//! filled. The lowest surface of each cell is level 0; surfaces above it, such as bridges, are level
-//! 1 and so on.
+//! filled. The lowest surface of each cell is level 0; surfaces above it, such as bridges, are
+//! level 1 and so on.
 
 use std::collections::BTreeMap;
 

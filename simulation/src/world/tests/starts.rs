@@ -55,7 +55,7 @@ fn draw(scene: &Arc<SceneData>, config: WorldConfig, resets: usize) -> Vec<[f64;
             if config.start.mode == StartMode::Recorded {
                 let [max_m, max_rad] = [config.start.max_offset_m, config.start.max_offset_rad];
                 let is_within = scene.sectors[sector].references.iter().any(|reference| {
-                    let [a, b] = [&pose, reference].map(|pose| viewing_direction(pose));
+                    let [a, b] = [&pose, reference].map(viewing_direction);
                     let azimuth = |v: [f64; 3]| v[1].atan2(v[0]);
                     let yaw = (azimuth(a) - azimuth(b)).rem_euclid(std::f64::consts::TAU);
                     let yaw = yaw.min(std::f64::consts::TAU - yaw);
@@ -135,7 +135,7 @@ fn starts_in_free_space_are_uniform_by_area() {
     }
     // Normal approximation: 4 standard deviations, and 0.5 % for the border of the map's cells.
     assert!(degrees > 60.0);
-    let limit = degrees + 4.0 * (2.0 * degrees as f64).sqrt() + 0.005_f64.powi(2) * 2e4;
+    let limit = degrees + 4.0 * (2.0_f64 * degrees).sqrt() + 0.005_f64.powi(2) * 2e4;
     assert!(
         chi_square < limit,
         "{chi_square} with {degrees} degrees of freedom"

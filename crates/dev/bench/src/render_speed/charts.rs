@@ -9,7 +9,7 @@ const WIDTH: u32 = 760;
 const HEIGHT: u32 = 420;
 
 /// PAWS-Sim with RGB and depth on a GPU, as published: pixels along an edge, images per second.
-const PAWS_SIM: [(f64, f64); 5] = [
+pub(crate) const PAWS_SIM: [(f64, f64); 5] = [
     (64.0, 1487.0),
     (96.0, 1023.0),
     (256.0, 756.0),

@@ -14,11 +14,11 @@ const ROUNDS: usize = 5;
 
 /// Time of an image.
 #[derive(Clone, Copy, Debug, Serialize)]
-pub(super) struct Speed {
+pub(crate) struct Speed {
     /// Images per second of elapsed time.
-    pub(super) fps: f64,
+    pub(crate) fps: f64,
     /// Processor time of all threads, ms.
-    cpu_ms: f64,
+    pub(crate) cpu_ms: f64,
     /// Load average of the machine over a minute, before.
     load: f64,
 }
@@ -45,7 +45,8 @@ impl Speed {
         })
     }
 
-    fn measure(images: usize, rounds: usize, mut render: impl FnMut()) -> Self {
+    /// Of images that `render` renders, the median of some rounds.
+    pub(crate) fn measure(images: usize, rounds: usize, mut render: impl FnMut()) -> Self {
         let load = load();
         let times: Vec<_> = (0..rounds).map(|_| timed(&mut render).1).collect();
         let wall_s = median(times.iter().map(|time| time.wall_s));
@@ -66,12 +67,12 @@ fn load() -> f64 {
 
 /// Images with levels of detail against exact ones.
 #[derive(Clone, Copy, Debug, Serialize)]
-pub(super) struct Quality {
+pub(crate) struct Quality {
     /// Median over views, dB.
-    pub(super) psnr_median_db: f64,
+    pub(crate) psnr_median_db: f64,
     /// Fifth percentile over views.
-    pub(super) psnr_p5_db: f64,
-    psnr_worst_db: f64,
+    pub(crate) psnr_p5_db: f64,
+    pub(crate) psnr_worst_db: f64,
     /// Median over views of the median relative difference of median depths.
     depth_median: f64,
     /// 95th percentile over views of the same.
@@ -85,14 +86,11 @@ impl Quality {
         detail: &DetailScene,
         cameras: &[Camera],
     ) -> Self {
-        let pairs: Vec<(f64, f64)> = cameras
-            .par_iter()
-            .map(|camera| {
-                let exact = renderer.render(exact, camera, &Exposure::NONE);
-                let found = renderer.render_detail(detail, camera, &Exposure::NONE);
-                (psnr_db(&found, &exact), depth_difference(&found, &exact))
-            })
-            .collect();
+        Self::of_views(differences(renderer, exact, detail, cameras))
+    }
+
+    /// Of the differences of each view.
+    pub(crate) fn of_views(pairs: Vec<(f64, f64)>) -> Self {
         let (mut psnr, mut depth): (Vec<f64>, Vec<f64>) = pairs.into_iter().unzip();
         psnr.sort_by(f64::total_cmp);
         depth.sort_by(f64::total_cmp);
@@ -104,6 +102,21 @@ impl Quality {
             depth_p95: quantile(&depth, 0.95),
         }
     }
+}
+
+/// PSNR, dB, and median relative difference of depth of each view with levels of detail.
+pub(crate) fn differences(
+    renderer: &Renderer,
+    exact: &Scene,
+    detail: &DetailScene,
+    cameras: &[Camera],
+) -> Vec<(f64, f64)> {
+    let views = cameras.par_iter().map(|camera| {
+        let exact = renderer.render(exact, camera, &Exposure::NONE);
+        let found = renderer.render_detail(detail, camera, &Exposure::NONE);
+        (psnr_db(&found, &exact), depth_difference(&found, &exact))
+    });
+    views.collect()
 }
 
 /// Largest PSNR that is stated: that of images that agree to 1e-5.

@@ -22,7 +22,7 @@ const MAX_DRAWS: u64 = 50;
 const EDGE: u32 = 64;
 
 /// A pinhole camera with 90 degrees from left to right.
-pub(super) fn camera(
+pub(crate) fn camera(
     size: [u32; 2],
     world_from_camera: &RigidTransform,
 ) -> Result<Camera, SplatError> {
@@ -43,7 +43,7 @@ pub(super) fn camera(
 ///
 /// # Errors
 /// A pose is invalid.
-pub(super) fn reference_poses(
+pub(crate) fn reference_poses(
     renderer: &Renderer,
     scene: &Scene,
     path: &[RigidTransform],

@@ -278,7 +278,12 @@ fn one_writer_at_a_time_and_one_source_per_bundle() {
     std::fs::create_dir(path.join(".draft-depth")).unwrap();
     std::fs::write(path.join("notes.txt"), "mine").unwrap();
     // Known files that are not part of the bundle.
-    for beside in [layout::STAGE_TIMINGS, layout::PAGE] {
+    for beside in [
+        layout::STAGE_TIMINGS,
+        layout::PAGE,
+        layout::CAMERA_IMAGES,
+        layout::FILM,
+    ] {
         std::fs::write(path.join(beside), "").unwrap();
     }
     let found = verify(&Scene::open(&path).unwrap(), |_| {}).unwrap();

@@ -1,0 +1,145 @@
+//! `sim_render`: images per second of the simulator's cameras on a reconstructed scene, with their
+//! PSNR to the exact renderer.
+//!
+//! 1. `sizes`: PAWS-Sim's table: 64 to 1024 px and 1280x720, colors and depth, over the size of a
+//!    batch. Poses are recorded ones with offsets up to 3 m and 30 degrees; views with more than
+//!    half sky or a surface nearer than 0.5 m are drawn again. An image is 8 bits per channel, depth
+//!    in f32 and a mask, in memory of the caller: what a copy to Python would start from.
+//! 2. `episode`: Beogym's: 1280x720 on one thread, 200 steps of an agent on the ground with motion
+//!    and look-ups in the map.
+//! 3. `support`: PSNR of held-out views by their distance and angle from recorded ones, and the
+//!    error of the support map on views that it was not fitted to.
+//!
+//! Beside the elapsed time stands the processor time, which other load of the machine changes less.
+
+use std::fs;
+use std::path::PathBuf;
+use std::sync::Arc;
+
+use anyhow::{Context, Result, bail, ensure};
+use serde_json::{Map, Value, json};
+use simulation::{GaussianStore, ResidencyConfig, SceneData, SectorGaussians};
+use splats::{RenderConfig, Renderer};
+
+mod charts;
+mod episode;
+mod sizes;
+mod support;
+
+use crate::{arguments, stamp};
+
+const PARTS: [&str; 3] = ["sizes", "episode", "support"];
+const DEMO: &str = "target/demo/walk.scene";
+
+/// Runs the benchmark: `[--quick] [--only PART,...] [--scene PATH] [--out DIR]`.
+///
+/// # Errors
+/// Bad arguments, a scene that cannot be opened, or an I/O error. A missed target is a result and
+/// no error.
+pub(crate) fn run(args: &[String]) -> Result<()> {
+    let options = Options::parse(args)?;
+    fs::create_dir_all(&options.out)
+        .with_context(|| format!("making {}", options.out.display()))?;
+    let stamp = stamp::stamp("sim_render", args)?;
+    let scene = Opened::new(&options)?;
+    let path = options.out.join("sim_render.json");
+    let mut report = match fs::read_to_string(&path) {
+        Ok(text) => {
+            serde_json::from_str(&text).with_context(|| format!("reading {}", path.display()))?
+        }
+        Err(_) => Map::new(),
+    };
+    for part in &options.parts {
+        let mut row = match part.as_str() {
+            "sizes" => sizes::measure(&scene, options.quick)?,
+            "episode" => episode::measure(&scene, options.quick)?,
+            _ => support::measure(&scene, &options.out)?,
+        };
+        row["scene"] = scene.row();
+        row["stamp"] = stamp.clone();
+        println!("{row:#}");
+        report.insert(part.clone(), row);
+        let text = format!("{:#}\n", Value::Object(report.clone()));
+        fs::write(&path, text).with_context(|| format!("writing {}", path.display()))?;
+    }
+    for (name, svg) in charts::draw(&report) {
+        let path = options.out.join(name);
+        fs::write(&path, svg).with_context(|| format!("writing {}", path.display()))?;
+    }
+    Ok(())
+}
+
+/// A scene with its first sector in memory.
+struct Opened {
+    scene: Arc<SceneData>,
+    store: Arc<GaussianStore>,
+    content: Arc<SectorGaussians>,
+    /// For the exact images.
+    renderer: Renderer,
+}
+
+impl Opened {
+    fn new(options: &Options) -> Result<Self> {
+        let path = &options.scene;
+        let scene = Arc::new(SceneData::open(path)?);
+        for missing in scene.missing() {
+            println!("  without {}: {}", missing.output, missing.features);
+        }
+        let store = GaussianStore::new(scene.clone(), ResidencyConfig::default());
+        let content = store.content(0)?;
+        let mut config = RenderConfig::default();
+        config.compensate = content.is_compensated;
+        Ok(Self {
+            store: Arc::new(store),
+            renderer: Renderer::new(config)?,
+            scene,
+            content,
+        })
+    }
+
+    fn row(&self) -> Value {
+        json!({
+            "name": self.scene.name,
+            "sectors": self.scene.sectors.len(),
+            "gaussians": self.content.exact.splats.len(),
+            "degree": self.content.exact.splats.degree(),
+        })
+    }
+}
+
+struct Options {
+    out: PathBuf,
+    scene: PathBuf,
+    parts: Vec<String>,
+    quick: bool,
+}
+
+impl Options {
+    fn parse(args: &[String]) -> Result<Self> {
+        let mut parsed = Self {
+            out: PathBuf::from("docs/benchmarks"),
+            scene: PathBuf::from(DEMO),
+            parts: PARTS.map(str::to_owned).to_vec(),
+            quick: false,
+        };
+        let mut rest = args.iter();
+        while let Some(argument) = rest.next() {
+            match argument.as_str() {
+                "--quick" => parsed.quick = true,
+                "--out" => parsed.out = rest.next().context("--out needs a folder")?.into(),
+                "--scene" => parsed.scene = rest.next().context("--scene needs a path")?.into(),
+                "--only" => parsed.parts = arguments::parts(rest.next(), &PARTS)?,
+                other => bail!(
+                    "unknown argument {other:?}, expected --quick, --only PARTS, --scene PATH or \
+                     --out DIR"
+                ),
+            }
+        }
+        ensure!(
+            parsed.scene.exists(),
+            "there is no scene {}: `cargo xtask demo` makes one, or name another with --scene",
+            parsed.scene.display()
+        );
+        Ok(parsed)
+    }
+}

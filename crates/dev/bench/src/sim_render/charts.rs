@@ -1,0 +1,112 @@
+//! Charts of `sim_render`, drawn from its report.
+
+use charts::{Axis, Chart, Series};
+use serde_json::{Map, Value};
+
+use crate::render_speed::PAWS_SIM;
+use crate::stamp;
+
+const WIDTH: u32 = 760;
+const HEIGHT: u32 = 420;
+const GOAL_DB: f64 = 40.0;
+
+/// Names and texts of all charts that there are results for.
+pub(super) fn draw(report: &Map<String, Value>) -> Vec<(String, String)> {
+    let mut drawn = Vec::new();
+    if let Some(part) = report.get("sizes") {
+        drawn.push(("sim_render-sizes.svg", speed_chart(part), part));
+        drawn.push(("sim_render-psnr.svg", psnr_chart(part), part));
+    }
+    if let Some(part) = report.get("support") {
+        drawn.push(("sim_render-support.svg", support_chart(part), part));
+    }
+    let svg = |(name, chart, part): (&str, Chart, &Value)| {
+        let chart = chart.footnote(&stamp::source(&part["stamp"]));
+        (name.to_owned(), chart.to_svg(WIDTH, HEIGHT))
+    };
+    drawn.into_iter().map(svg).collect()
+}
+
+fn rows(found: &Value) -> &[Value] {
+    found.as_array().map_or(&[], Vec::as_slice)
+}
+
+fn number(value: &Value) -> f64 {
+    value.as_f64().unwrap_or(f64::NAN)
+}
+
+/// Images per second of idle cores at best, from the processor time of an image.
+fn idle_fps(part: &Value, speed: &Value) -> f64 {
+    1e3 * number(&part["threads"]) / number(&speed["cpu_ms"])
+}
+
+fn speed_chart(part: &Value) -> Chart {
+    let squares = || {
+        let sizes = rows(&part["sizes"]).iter();
+        sizes.filter(|size| size["width"] == size["height"])
+    };
+    let curve = |speed: fn(&Value) -> Option<&Value>| {
+        let points = squares().filter_map(move |size| {
+            let fps = idle_fps(part, speed(size)?);
+            Some((number(&size["width"]), fps))
+        });
+        points.collect::<Vec<_>>()
+    };
+    let of_8 = |size: &Value| -> Option<usize> {
+        rows(&size["speeds"])
+            .iter()
+            .position(|speed| speed["batch"] == 8)
+    };
+    let detail = squares().filter_map(|size| {
+        let speed = &rows(&size["speeds"])[of_8(size)?];
+        Some((number(&size["width"]), idle_fps(part, speed)))
+    });
+    Chart::new("Images per second of the simulator over their size")
+        .subtitle("RGB and depth, batches of 8; two threads by processor time")
+        .x_axis(Axis::log("edge", "px"))
+        .y_axis(Axis::log("images", "1/s"))
+        .series(Series::line("levels of detail", detail))
+        .series(Series::line("exact", curve(|size| size.get("exact"))))
+        .series(Series::line("PAWS-Sim, GPU (published)", PAWS_SIM))
+}
+
+fn psnr_chart(part: &Value) -> Chart {
+    let sizes = rows(&part["sizes"]);
+    let point = |size: &Value, key: &str| (number(&size["width"]), number(&size["quality"][key]));
+    let squares = || sizes.iter().filter(|size| size["width"] == size["height"]);
+    let series = |title: &str, key: &str| {
+        let points: Vec<(f64, f64)> = squares().map(|size| point(size, key)).collect();
+        Series::line(title, points)
+    };
+    Chart::new("PSNR of images with levels of detail to exact ones")
+        .subtitle("views up to 3 m and 30 degrees from recorded poses")
+        .x_axis(Axis::log("edge", "px"))
+        .y_axis(Axis::linear("PSNR", "dB"))
+        .series(series("median", "psnr_median_db"))
+        .series(series("5th percentile", "psnr_p5_db"))
+        .series(series("worst", "psnr_worst_db"))
+        .hline(GOAL_DB, "goal of the median")
+}
+
+fn support_chart(part: &Value) -> Chart {
+    let points = |samples: &Value| -> Vec<(f64, f64)> {
+        let samples = rows(samples).iter();
+        samples
+            .map(|own| (number(&own["distance_m"]), number(&own["psnr_db"])))
+            .collect()
+    };
+    let held_out = points(&part["held_out"]["samples"]);
+    let mean = held_out.iter().map(|(_, db)| db).sum::<f64>() / held_out.len().max(1) as f64;
+    let of_scene = held_out.into_iter().map(|(x, db)| (x, db - mean));
+    let chart = Chart::new("PSNR of views by their distance from recorded ones")
+        .subtitle("against the mean of the held-out views on the path of the same walk")
+        .x_axis(Axis::linear("distance", "m"))
+        .y_axis(Axis::linear("PSNR", "dB"))
+        .series(Series::scatter("held-out views of the scene", of_scene));
+    rows(&part["off_path"]["walks"])
+        .iter()
+        .fold(chart, |chart, walk| {
+            let name = walk["walk"].as_str().unwrap_or("?");
+            chart.series(Series::scatter(name, points(&walk["samples"])))
+        })
+}

@@ -1,0 +1,6 @@
+//! The verbs of `paws-sim`, one module each.
+
+pub(crate) mod film;
+pub(crate) mod info;
+pub(crate) mod view;
+mod walk;

@@ -1,0 +1,100 @@
+//! `paws-sim film`: an agent walks to goals in a scene.
+
+use std::fs;
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use anyhow::{Context, Result};
+use charts::{Film, FilmFrame, FilmMap, Page, base64};
+use clap::Args;
+use command_line::output::print;
+use scene_bundle::film::{self, SceneFilm};
+use scene_bundle::layout;
+
+use super::walk::{SIZE, Walk};
+
+/// Steps of the simulation between two images.
+const STEPS_PER_IMAGE: u32 = 2;
+
+/// What the map shows.
+const LEGEND: &str = "Map: free ground is gray by its height, obstacles are brown, unknown ground is \
+    white; the dark line is the recorded path, the blue one that of the agent.";
+
+#[derive(Args)]
+pub(crate) struct Arguments {
+    /// The scene bundle.
+    scene: PathBuf,
+    /// Duration, s.
+    #[arg(long, default_value_t = 30, value_parser = clap::value_parser!(u32).range(1..=3600))]
+    seconds: u32,
+    /// Seed of start and goals.
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    seed: u64,
+    /// Also write a page with the film; replaced if it exists.
+    #[arg(long, value_name = "FILE")]
+    page: Option<PathBuf>,
+}
+
+pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode> {
+    let mut walk = Walk::open(&arguments.scene, arguments.seed)?;
+    let steps = (f64::from(arguments.seconds) / walk.step_s()).round() as u32;
+    let mut frames = Vec::new();
+    let mut collisions = 0;
+    for step in 0..=steps {
+        if step % STEPS_PER_IMAGE == 0 {
+            frames.push(FilmFrame {
+                jpeg_base64: base64(&walk.image()?),
+                map_px: walk.map_px(),
+                heading_rad: walk.state().yaw_rad,
+                caption: walk.caption(),
+            });
+        }
+        let before = walk.collisions();
+        let action = walk.guide();
+        walk.step(action)?;
+        collisions += walk.collisions().saturating_sub(before);
+    }
+    let map = FilmMap {
+        png_base64: base64(&walk.map.png()?),
+        size: walk.map.size(),
+    };
+    let summary = format!(
+        "An agent walked {:.1} m in {} s, reached {} goals, was stopped in {collisions} steps and began anew {} times.",
+        walk.path_m(),
+        arguments.seconds,
+        walk.reached(),
+        walk.ends(),
+    );
+    let film = SceneFilm {
+        summary: format!("{summary} {LEGEND}"),
+        film: Film {
+            step_s: f64::from(STEPS_PER_IMAGE) * walk.step_s(),
+            size: SIZE,
+            frames,
+            map: Some(map),
+        },
+    };
+    let folder = folder(&arguments.scene);
+    film::write(&folder, &film)
+        .with_context(|| format!("writing {}", folder.join(layout::FILM).display()))?;
+    if let Some(path) = &arguments.page {
+        let page = Page::new("An agent in a reconstructed scene")
+            .text(&film.summary)
+            .embed(&film.film.to_html("what the agent sees"));
+        fs::write(path, page.to_html()).with_context(|| format!("writing {}", path.display()))?;
+    }
+    print(format_args!(
+        "{} {}",
+        summary,
+        folder.join(layout::FILM).display()
+    ))?;
+    Ok(ExitCode::SUCCESS)
+}
+
+/// The folder of a bundle that is named by its folder or its manifest.
+fn folder(scene: &std::path::Path) -> PathBuf {
+    match scene.is_dir() {
+        true => scene.to_owned(),
+        false => scene.parent().unwrap_or(scene).to_owned(),
+    }
+}

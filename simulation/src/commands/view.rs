@@ -1,0 +1,87 @@
+//! `paws-sim view`: an agent in a scene, driven from a page on this machine.
+
+mod server;
+
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use anyhow::Result;
+use charts::base64;
+use clap::Args;
+use command_line::complain;
+use command_line::output::print;
+
+use super::walk::{SIZE, Walk};
+use server::{Control, View};
+
+const PAGE: &str = include_str!("view/page.html");
+
+#[derive(Args)]
+pub(crate) struct Arguments {
+    /// The scene bundle.
+    scene: PathBuf,
+    /// Port on 127.0.0.1; 0 takes a free one.
+    #[arg(long, value_name = "N", default_value_t = 8660)]
+    port: u16,
+    /// Seed of starts and goals.
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    seed: u64,
+}
+
+pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode> {
+    let mut walk = Walk::open(&arguments.scene, arguments.seed)?;
+    let name = arguments.scene.file_name().unwrap_or_default();
+    let page = page(&name.to_string_lossy(), &walk)?;
+    let mut ends = 0;
+    let mut is_start = true;
+    let step = move |control: Control| {
+        if control.reset {
+            walk.reset()?;
+            is_start = true;
+        } else if !is_start {
+            let action = match control.autopilot {
+                true => walk.guide(),
+                false => [control.forward, control.turn],
+            };
+            walk.step(action)?;
+            is_start = walk.ends() > ends;
+            ends = walk.ends();
+        }
+        let view = View {
+            jpeg_base64: base64(&walk.image()?),
+            map_px: walk.map_px(),
+            heading_rad: walk.state().yaw_rad,
+            goal_px: walk.goal_px().filter(|_| control.autopilot),
+            caption: walk.caption(),
+            is_start: std::mem::take(&mut is_start),
+            step_s: walk.step_s(),
+        };
+        Ok(view)
+    };
+    let announce = |address| {
+        let ready = print(format_args!("http://{address}/"));
+        complain!("Ctrl-C ends it");
+        if let Err(error) = ready {
+            log::error!("{error:#}");
+        }
+    };
+    server::serve(arguments.port, page, step, announce)?;
+    Ok(ExitCode::SUCCESS)
+}
+
+fn page(name: &str, walk: &Walk) -> Result<String> {
+    let escape = |text: &str| {
+        let text = text.replace('&', "&amp;").replace('<', "&lt;");
+        text.replace('>', "&gt;").replace('"', "&quot;")
+    };
+    let [map_width, map_height] = walk.map.size();
+    let [width, height] = SIZE;
+    // The map is last: what was put in before it is not searched for markers again.
+    Ok(PAGE
+        .replace("<!--WIDTH-->", &width.to_string())
+        .replace("<!--HEIGHT-->", &height.to_string())
+        .replace("<!--MAP_WIDTH-->", &map_width.to_string())
+        .replace("<!--MAP_HEIGHT-->", &map_height.to_string())
+        .replace("<!--MAP-->", &base64(&walk.map.png()?))
+        .replace("<!--TITLE-->", &escape(name)))
+}

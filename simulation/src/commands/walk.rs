@@ -1,0 +1,188 @@
+//! An agent in a scene with its camera and a map, for films and the viewer.
+
+use std::path::Path;
+use std::sync::Arc;
+
+use anyhow::{Context, Result, bail};
+use jpeg_encoder::{ColorType, Encoder};
+use simulation::{
+    AgentState, CameraBatch, CameraConfig, FrameRequest, Frames, GaussianStore, Guide, MapImage,
+    ResidencyConfig, SceneData, Task, World, WorldConfig,
+};
+
+/// Size of the images, px.
+pub(super) const SIZE: [u32; 2] = [384, 216];
+/// Field of view from left to right, rad.
+const FIELD_OF_VIEW_RAD: f64 = 1.6;
+/// Quality of the JPEG files, 1 to 100.
+const JPEG_QUALITY: u8 = 85;
+/// Speed of the agent, m/s: that of a person who looks around.
+const SPEED_M_S: f64 = 1.0;
+/// Distances of goals, m.
+const GOALS_M: [f64; 2] = [3.0, 12.0];
+/// Distance at which a goal is reached, m.
+const REACHED_M: f64 = 0.3;
+
+/// An agent in a scene.
+pub(super) struct Walk {
+    world: World,
+    /// One for each sector.
+    guides: Vec<Guide>,
+    camera: CameraBatch,
+    frames: Frames,
+    pub(super) map: MapImage,
+    /// Path length of the episodes before this one, m.
+    before_m: f64,
+    /// Episodes that ended.
+    ends: u32,
+}
+
+impl Walk {
+    /// Opens a scene and puts an agent at a start.
+    pub(super) fn open(path: &Path, seed: u64) -> Result<Self> {
+        let scene = Arc::new(SceneData::open(path)?);
+        for missing in scene.missing() {
+            log::warn!(
+                "{}: no output {}: {}",
+                missing.place,
+                missing.output,
+                missing.features
+            );
+        }
+        let mut config = WorldConfig {
+            seed,
+            ..WorldConfig::default()
+        };
+        config.task.task = Task::Velocity;
+        config.agent.max_speed_m_s = SPEED_M_S;
+        config.end.time_limit_s = 1e6;
+        config.end.unknown_ground_ends = false;
+        config.end.left_map_ends = false;
+        let mut guides = Vec::new();
+        let mut map = None;
+        for sector in &scene.sectors {
+            let Some(levels) = &sector.levels else {
+                bail!("sector {} has no maps to walk on", sector.name);
+            };
+            map = map.or_else(|| MapImage::new(levels));
+            guides.push(Guide::new(levels.to_vec(), &config.agent, seed, GOALS_M)?);
+        }
+        let mut map = map.context("the maps of the scene are empty")?;
+        let trajectory = scene.sectors[0].recording.trajectory.as_ref();
+        let path_m: Vec<[f64; 2]> = trajectory
+            .into_iter()
+            .flat_map(|trajectory| trajectory.usable())
+            .map(|pose| {
+                let [x, y, _] = pose.world_from_rig.translation_m();
+                [x, y]
+            })
+            .collect();
+        map.path(&path_m);
+        let store = GaussianStore::new(Arc::clone(&scene), ResidencyConfig::default());
+        let camera = CameraConfig::pinhole(SIZE, FIELD_OF_VIEW_RAD)?;
+        let mut walk = Self {
+            world: World::new(scene, config)?,
+            guides,
+            camera: CameraBatch::new(Arc::new(store), camera)?,
+            frames: Frames::default(),
+            map,
+            before_m: 0.0,
+            ends: 0,
+        };
+        walk.world.reset(None, None)?;
+        Ok(walk)
+    }
+
+    /// Begins at another start.
+    pub(super) fn reset(&mut self) -> Result<()> {
+        self.before_m += f64::from(self.world.result().path_length_m[0]);
+        self.guides.iter_mut().for_each(Guide::forget);
+        Ok(self.world.reset(None, None)?)
+    }
+
+    /// Time of a step, s.
+    pub(super) fn step_s(&self) -> f64 {
+        self.world.config().dt_s
+    }
+
+    /// The action that leads to the next goal.
+    pub(super) fn guide(&mut self) -> [f64; 2] {
+        let sector = self.world.world_from_camera(0).0;
+        self.guides[sector].action(&self.world.states()[0], REACHED_M)
+    }
+
+    /// Moves the agent by a step; where that ends the episode, another begins.
+    pub(super) fn step(&mut self, action: [f64; 2]) -> Result<()> {
+        self.world.step(&action)?;
+        if self.world.has_ended(0) {
+            self.ends += 1;
+            self.reset()?;
+        }
+        Ok(())
+    }
+
+    /// What the agent sees, a JPEG file.
+    pub(super) fn image(&mut self) -> Result<Vec<u8>> {
+        let (sector, world_from_camera) = self.world.world_from_camera(0);
+        let request = FrameRequest::new(sector, world_from_camera);
+        self.camera.render(&[request], &mut self.frames)?;
+        let mut file = Vec::new();
+        let encoder = Encoder::new(&mut file, JPEG_QUALITY);
+        let [width, height] = SIZE.map(|edge| edge as u16);
+        let encoded = encoder.encode(&self.frames.rgb, width, height, ColorType::Rgb);
+        encoded.context("encoding an image")?;
+        Ok(file)
+    }
+
+    /// The agent.
+    pub(super) fn state(&self) -> &AgentState {
+        &self.world.states()[0]
+    }
+
+    /// Its position on the map, px.
+    pub(super) fn map_px(&self) -> [f64; 2] {
+        let [x, y, _] = self.state().position_m;
+        self.map.px([x, y])
+    }
+
+    /// Its goal on the map, px.
+    pub(super) fn goal_px(&self) -> Option<[f64; 2]> {
+        let sector = self.world.world_from_camera(0).0;
+        let [x, y, _] = self.guides[sector].goal_m()?;
+        Some(self.map.px([x, y]))
+    }
+
+    /// Goals that it reached.
+    pub(super) fn reached(&self) -> u32 {
+        self.guides.iter().map(Guide::reached).sum()
+    }
+
+    /// Path length of all episodes, m.
+    pub(super) fn path_m(&self) -> f64 {
+        self.before_m + f64::from(self.world.result().path_length_m[0])
+    }
+
+    /// Episodes that ended.
+    pub(super) fn ends(&self) -> u32 {
+        self.ends
+    }
+
+    /// Steps of this episode that something stopped.
+    pub(super) fn collisions(&self) -> u32 {
+        self.world.result().collisions[0]
+    }
+
+    /// Where it is beside the recording, in a few words.
+    pub(super) fn caption(&self) -> String {
+        let result = self.world.result();
+        let mut text = format!("{:.1} m walked", self.path_m());
+        if result.deviation_m[0] >= 0.0 {
+            text += &format!(
+                ", {:.1} m and {:.0}° from the nearest recorded camera",
+                result.deviation_m[0],
+                result.deviation_rad[0].to_degrees()
+            );
+        }
+        text
+    }
+}

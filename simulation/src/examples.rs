@@ -1,0 +1,48 @@
+//! The examples at the end of each verb's help.
+
+use command_line::examples::Table;
+
+/// All verbs of `paws-sim`.
+pub(crate) const EXAMPLES: Table = &[
+    (
+        "info",
+        &[
+            ("paws-sim info walk.scene", "ground, cameras, Gaussians"),
+            ("paws-sim info walk.scene --json", "for programs"),
+        ],
+    ),
+    (
+        "film",
+        &[
+            (
+                "paws-sim film walk.scene",
+                "30 s; `paws-reconstruct report` shows it",
+            ),
+            (
+                "paws-sim film walk.scene --seconds 60 --seed 7 --page film.html",
+                "another walk, also as a page of its own",
+            ),
+        ],
+    ),
+    (
+        "view",
+        &[
+            (
+                "paws-sim view walk.scene",
+                "then open the address that it prints",
+            ),
+            ("paws-sim view walk.scene --port 0", "at any free port"),
+        ],
+    ),
+    (
+        "completions",
+        &[(
+            "paws-sim completions bash",
+            "for `source <(paws-sim completions bash)`",
+        )],
+    ),
+    (
+        "man",
+        &[("paws-sim man --out man", "paws-sim.1 and one page per verb")],
+    ),
+];
