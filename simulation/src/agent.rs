@@ -2,11 +2,13 @@
 //!
 //! Contract: [`advance`] is a function of its arguments. The agent never passes through an
 //! obstacle, a step above its limit, a low ceiling or unknown ground, whatever its speed: it stops
-//! in front of it, and the result says why and where.
+//! in front of it, or slides along it where the configuration says so, and the result says why and
+//! where.
 
 mod collision;
 mod footing;
 mod motion;
+mod playback;
 
 #[cfg(test)]
 mod tests;
@@ -16,6 +18,7 @@ use estimator_config::config;
 use serde::{Deserialize, Serialize};
 
 pub use footing::Footing;
+pub use playback::{Playback, Recorded};
 
 use crate::error::SimulationError;
 use crate::ground::Ground;
@@ -50,6 +53,15 @@ config! {
         pub max_yaw_acceleration_rad_s2: f64 = 12.0,
         /// Largest height of a step up or down, m: a stair has up to 0.19.
         pub max_step_m: f64 = 0.20,
+        /// Steepest ground that it walks on, rad, but for the edges of steps: 45 degrees. Stairs
+        /// with a rise of 0.20 m and a tread of 0.23 m have 41.
+        pub max_slope_rad: f64 = 0.785,
+        /// Largest hole in what was seen that it may cross, m2, on the plane through the rim; 0 for
+        /// none. Shadows of the wearer's own legs on the ground have up to 0.11 m2 in the
+        /// reconstructed demo scene.
+        pub max_hole_m2: f64 = 0.12,
+        /// Whether it slides along what blocks it instead of stopping there.
+        pub slides: bool = false,
         /// Largest distance of a point of the footprint from the plane through it, m, where the
         /// agent still counts as on the ground: half of a step.
         pub max_residual_m: f64 = 0.1,
@@ -80,8 +92,16 @@ impl AgentConfig {
             ("unknown_margin_m", self.unknown_margin_m),
             ("eye_height_m", self.eye_height_m),
             ("max_step_m", self.max_step_m),
+            ("max_hole_m2", self.max_hole_m2),
             ("max_residual_m", self.max_residual_m),
         ];
+        if !(self.max_slope_rad > 0.0 && self.max_slope_rad < std::f64::consts::FRAC_PI_2) {
+            return Err(SimulationError::Setting {
+                name: "agent.max_slope_rad".to_owned(),
+                found: self.max_slope_rad.to_string(),
+                expected: "an angle above 0 and below a right angle".to_owned(),
+            });
+        }
         let wrong = positive
             .iter()
             .find(|(_, value)| !(value.is_finite() && *value > 0.0));
@@ -192,7 +212,7 @@ pub enum BlockReason {
     Unknown,
     /// An obstacle.
     Obstacle,
-    /// A step up above the limit.
+    /// A step up, or a slope, above the limit.
     Step,
     /// A step down above the limit.
     Drop,
@@ -255,15 +275,21 @@ pub fn advance(
     }
     let velocity = motion::velocity(config, drive, state, &parts, dt_s);
     let arc = motion::Arc::new(state, velocity, dt_s);
-    let swept = collision::sweep(ground, state, &arc);
+    let swept = collision::sweep(ground, config.slides, state, &arc);
     let mut next = *state;
-    next.velocity = match swept.blocked {
-        None => velocity,
-        Some(_) => [0.0; 3],
-    };
     let [x, y] = swept.position_m;
     next.position_m = [x, y, swept.height_m];
     next.yaw_rad = arc.yaw_rad(swept.share);
+    next.velocity = match swept.blocked {
+        None => velocity,
+        Some(_) if config.slides => {
+            // The mean velocity of what it did.
+            let [x, y] = [0, 1].map(|k| (next.position_m[k] - state.position_m[k]) / dt_s);
+            let (sine, cosine) = (libm::sin(next.yaw_rad), libm::cos(next.yaw_rad));
+            [x * cosine + y * sine, y * cosine - x * sine, velocity[2]]
+        }
+        Some(_) => [0.0; 3],
+    };
     next.level = swept.level;
     match Footing::at(ground, config, next.position_m, next.yaw_rad) {
         Some(footing) => footing.place(&mut next),
@@ -272,6 +298,6 @@ pub fn advance(
     Motion {
         state: next,
         blocked: swept.blocked,
-        distance_m: arc.length_m * swept.share,
+        distance_m: swept.length_m,
     }
 }

@@ -2,10 +2,12 @@
 //!
 //! Contract: everything comes from output `maps`. Heights are blended only within one continuous
 //! surface, never over the edge of a step. Where no view saw the ground there is no height, and
-//! unknown is not free. What blocks an agent depends on its size: obstacles, walls above its step
+//! unknown is not free, but for small holes: enclosed by free ground on one plane, see
+//! [`AgentConfig::max_hole_m2`]. What blocks an agent depends on its size: obstacles, walls above its step
 //! and ceilings keep its center a radius away.
 
 mod components;
+mod holes;
 mod layer;
 
 #[cfg(test)]
@@ -51,7 +53,8 @@ pub struct Surface {
     pub sigma_m: f64,
     /// Upward normal.
     pub normal: [f64; 3],
-    /// Whether the height is that of the plane around a small hole, not an observed one.
+    /// Whether the height is that of the plane around a small hole, not an observed one: by the
+    /// maps, or by a bridge of this ground.
     pub is_filled: bool,
 }
 
@@ -111,23 +114,27 @@ impl Ground {
         &self.levels
     }
 
-    /// The surface at x, y whose height is nearest to z, all in m; `None` outside of the maps and
+    /// The surface at x, y whose cell is nearest to z in height, all in m; `None` outside of the maps and
     /// where nothing is known.
     pub fn surface(&self, at_m: [f64; 2], near_z_m: f64) -> Option<Surface> {
-        let mut nearest: Option<Surface> = None;
+        let mut nearest: Option<(f64, usize, usize)> = None;
         for (level, layer) in self.layers.iter().enumerate() {
-            let Some(found) = layer.surface(level, at_m) else {
+            let Some((cell, height_m)) = layer.height(at_m) else {
                 continue;
             };
-            let distance = |of: &Surface| (of.height_m - near_z_m).abs();
-            if nearest
-                .as_ref()
-                .is_none_or(|best| distance(&found) < distance(best))
-            {
-                nearest = Some(found);
+            let distance_m = (f64::from(height_m) - near_z_m).abs();
+            if nearest.is_none_or(|(least_m, ..)| distance_m < least_m) {
+                nearest = Some((distance_m, level, cell));
             }
         }
-        nearest
+        let (_, level, cell) = nearest?;
+        Some(self.layers[level].surface(level, at_m, cell))
+    }
+
+    /// Holes of a level that agents may cross on a plane through their rims, and cells in them.
+    /// [`Surface::is_filled`] is set there and [`Self::cover`] stays unknown.
+    pub fn bridges(&self, level: usize) -> (usize, usize) {
+        self.layers.get(level).map_or((0, 0), Layer::bridges)
     }
 
     /// What is at x, y on a level; unknown for a level that does not exist.
@@ -137,7 +144,7 @@ impl Ground {
     }
 
     /// Horizontal distance from x, y to the nearest edge, obstacle or unknown cell of a level, m;
-    /// 0 in those and outside of the map.
+    /// 0 in those and outside of the map. Cells of bridges are unknown ones.
     pub fn clearance_m(&self, at_m: [f64; 2], level: usize) -> f64 {
         let layer = self.layers.get(level);
         layer.map_or(0.0, |layer| layer.clearance_m(at_m))

@@ -22,7 +22,10 @@ mod snapshot;
 pub mod testing;
 mod world;
 
-pub use agent::{AgentConfig, AgentState, Block, BlockReason, Drive, Footing, Motion, advance};
+pub use agent::{
+    AgentConfig, AgentState, Block, BlockReason, Drive, Footing, Motion, Playback, Recorded,
+    advance,
+};
 pub use alignment::{Alignment, AlignmentConfig, AlignmentModel, align_points, align_trajectories};
 pub use camera::{
     CameraBatch, CameraConfig, CameraSchedule, CameraView, Capture, DepthKind, ExposureConfig,
