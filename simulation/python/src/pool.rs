@@ -5,7 +5,7 @@
 //! in the middle of its work, so that its owner refuses it in the child: see [`Owner`].
 
 use std::sync::atomic::{AtomicBool, AtomicU32, AtomicUsize, Ordering};
-use std::sync::mpsc::{RecvTimeoutError, channel};
+use std::sync::mpsc::{RecvTimeoutError, sync_channel};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
@@ -87,7 +87,7 @@ pub(crate) fn run_apart<T: Send + 'static>(
 ) -> PyResult<T> {
     let is_cancelled = Arc::new(AtomicBool::new(false));
     let flag = is_cancelled.clone();
-    let (to, done) = channel();
+    let (to, done) = sync_channel(1);
     let done = Mutex::new(done);
     let worker = std::thread::Builder::new().name("paws-sim work".to_owned());
     let worker = worker.spawn(move || {

@@ -23,6 +23,11 @@ use crate::scene::{PyScene, matrices};
 /// of one core.
 const LONG_STEP: usize = 8192;
 
+/// Least and greatest values.
+type Bounds<'py> = (Bound<'py, PyArray1<f32>>, Bound<'py, PyArray1<f32>>);
+/// Poses as matrices, and their sectors.
+type Poses<'py> = (Bound<'py, PyArray3<f64>>, Bound<'py, PyArray1<i64>>);
+
 /// Environments with an agent each on one scene.
 #[pyclass(name = "World", module = "paws_sim._core", frozen)]
 pub(crate) struct PyWorld {
@@ -92,10 +97,7 @@ impl PyWorld {
     }
 
     /// Least and greatest value of each element of an observation vector.
-    fn observation_bounds<'py>(
-        &self,
-        py: Python<'py>,
-    ) -> PyResult<(Bound<'py, PyArray1<f32>>, Bound<'py, PyArray1<f32>>)> {
+    fn observation_bounds<'py>(&self, py: Python<'py>) -> PyResult<Bounds<'py>> {
         self.read(py, |batch| {
             let (low, high) = batch.world.observation_bounds();
             (
@@ -203,10 +205,7 @@ impl PyWorld {
 
     /// Poses `world_from_camera` of all environments in their sectors, shape (environments, 4, 4),
     /// and the sectors.
-    fn camera_poses<'py>(
-        &self,
-        py: Python<'py>,
-    ) -> PyResult<(Bound<'py, PyArray3<f64>>, Bound<'py, PyArray1<i64>>)> {
+    fn camera_poses<'py>(&self, py: Python<'py>) -> PyResult<Poses<'py>> {
         let poses: Vec<_> = self.read(py, |batch| {
             (0..self.environments)
                 .map(|index| batch.world.world_from_camera(index))
@@ -216,10 +215,7 @@ impl PyWorld {
     }
 
     /// The same of the environments that ended in the last step and were reset in it, at the end.
-    fn final_camera_poses<'py>(
-        &self,
-        py: Python<'py>,
-    ) -> PyResult<(Bound<'py, PyArray3<f64>>, Bound<'py, PyArray1<i64>>)> {
+    fn final_camera_poses<'py>(&self, py: Python<'py>) -> PyResult<Poses<'py>> {
         self.read(py, |batch| {
             let ended = batch.ended.as_ref();
             poses_and_sectors(py, ended.map_or(&[], |ended| &ended.cameras))
@@ -364,7 +360,7 @@ impl PyWorld {
 fn poses_and_sectors<'py>(
     py: Python<'py>,
     poses: &[(usize, RigidTransform)],
-) -> PyResult<(Bound<'py, PyArray3<f64>>, Bound<'py, PyArray1<i64>>)> {
+) -> PyResult<Poses<'py>> {
     let sectors = poses.iter().map(|(sector, _)| *sector as i64).collect();
     let matrices = matrices(py, poses.iter().map(|(_, pose)| pose))?;
     Ok((matrices, PyArray1::from_vec(py, sectors)))
