@@ -32,6 +32,7 @@ mod rectify;
 mod render_speed;
 mod sim;
 mod sim_images;
+mod sim_learn;
 mod sim_physics;
 mod sim_render;
 mod sim_step;
@@ -106,9 +107,10 @@ const BENCHMARKS: &[(&str, Run)] = &[
     ("render", render_speed::run),
     ("sim", sim::run),
     ("sim_images", sim_images::run),
+    ("sim_learn", sim_learn::run),
+    ("sim_physics", sim_physics::run),
     ("sim_render", sim_render::run),
     ("sim_step", sim_step::run),
-    ("sim_physics", sim_physics::run),
     ("soak", soak::run),
     ("splats", splats::run),
     ("sync", sync::run),

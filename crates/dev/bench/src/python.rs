@@ -15,6 +15,7 @@ pub(crate) const OPENCV: &str = "PAWS_PYTHON";
 pub(crate) const GTSAM: &str = "PAWS_GTSAM_PYTHON";
 pub(crate) const OPEN3D: &str = "PAWS_OPEN3D_PYTHON";
 pub(crate) const RENDERER: &str = "PAWS_RENDERER_PYTHON";
+pub(crate) const LEARNING: &str = "PAWS_LEARNING_PYTHON";
 pub(crate) const PHYSICS: &str = "PAWS_PHYSICS_PYTHON";
 
 /// The interpreter with OpenCV.

@@ -27,7 +27,7 @@ cargo xtask VERB: set-up and developer verbs
         new ones. --list: print every place that counts, of all or of CRATE (or of the pages, `markdown`, or the charts,
         `svg`).
   bench NAME [--no-install] [ARGS...]
-        Run a benchmark (archive, sync, frame_sync, frames_kept, encode, import, soak, kills, power_cuts, vm_cost, sim, sim_images,
+        Run a benchmark (archive, sync, frame_sync, frames_kept, encode, import, soak, kills, power_cuts, vm_cost, sim, sim_images, sim_learn, sim_physics,
         calib, camera_imu, rectify, calib_verify, depth, odometry, odometry_calibration, odometry_faults, odometry_encoding,
         odometry_length, odometry_monte_carlo, odometry_scale, gtsam, foreign, feet, feet_camera, feet_faults, feet_length,
         splats, confidence, tag_detectors, terrain, render, sim_render, sim_step, sim_physics, or all) in release mode; results go to docs/benchmarks. ARGS are handed to the benchmark. `usd` runs OpenUSD's validators on an export
@@ -48,6 +48,9 @@ cargo xtask VERB: set-up and developer verbs
         into DIR (default target/deb). --check: also lintian, the symbols that the program asks
         for, and a recording by the installed package in a root folder of its architecture,
         emulated where it is not this machine's. docs/guides/packaging.md
+  wheel [--no-install] [--out DIR]
+        Build the Python package of the simulators into DIR (default target/wheels), and print how it is installed.
+        `test` builds and tests it too, in an environment of its own.
   help  This text.
 
   --no-install  Install nothing; where a system package is missing, print the command and fail.
@@ -72,6 +75,8 @@ pub(crate) const BENCHMARKS: [&str; 39] = [
     "vm_cost",
     "sim",
     "sim_images",
+    "sim_learn",
+    "sim_physics",
     "calib",
     "camera_imu",
     "rectify",
@@ -101,8 +106,9 @@ pub(crate) const BENCHMARKS: [&str; 39] = [
     "usd",
 ];
 
-const VERBS: [&str; 11] = [
-    "setup", "demo", "test", "tidy", "bench", "vm-test", "fuzz", "guide", "schemas", "deb", "help",
+const VERBS: [&str; 12] = [
+    "setup", "demo", "test", "tidy", "bench", "vm-test", "fuzz", "guide", "schemas", "deb",
+    "wheel", "help",
 ];
 
 /// What the command line asks for.
@@ -152,6 +158,11 @@ pub(crate) enum Verb {
         /// Where the package goes; `None` is `deb` in the target folder.
         out: Option<PathBuf>,
         check: bool,
+    },
+    Wheel {
+        install: bool,
+        /// Where it goes; `None` is `wheels` in the target folder.
+        out: Option<PathBuf>,
     },
 }
 
@@ -270,6 +281,12 @@ pub(crate) fn parse(words: impl IntoIterator<Item = OsString>) -> Result<Verb, S
                 out,
                 check,
             })
+        }
+        "wheel" => {
+            let install = !words.take_flag("--no-install");
+            let out = words.take_value("--out")?.map(PathBuf::from);
+            words.end("wheel", &["--no-install", "--out"])?;
+            Ok(Verb::Wheel { install, out })
         }
         _ => Err(unknown("verb", &verb.to_string_lossy(), &VERBS)),
     }
@@ -414,6 +431,17 @@ mod tests {
                 architecture: Some(Architecture::Arm64),
                 out: Some("there".into()),
                 check: true,
+            })
+        );
+    }
+
+    #[test]
+    fn a_wheel_goes_into_the_named_folder() {
+        assert_eq!(
+            parse_line("wheel --out there"),
+            Ok(Verb::Wheel {
+                install: true,
+                out: Some("there".into()),
             })
         );
     }

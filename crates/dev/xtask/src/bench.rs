@@ -8,6 +8,7 @@ use anyhow::Result;
 use crate::process::{self, cargo, root, target_folder};
 use crate::setup::{self, Purpose};
 use crate::test::python::{self, Environment};
+use crate::wheel;
 
 /// Benchmarks beside OpenCV, or the reference implementation of AprilTag.
 const WITH_READERS: [&str; 7] = [
@@ -40,6 +41,9 @@ pub(crate) fn run(install: bool, names: &[&str], arguments: &[OsString]) -> Resu
     if names.contains(&"gtsam") {
         environments.push(&python::GTSAM);
     }
+    if names.contains(&"sim_learn") {
+        environments.push(&python::LEARNING);
+    }
     if names.contains(&"sim_physics") {
         environments.push(&python::PHYSICS);
     }
@@ -68,6 +72,14 @@ pub(crate) fn run(install: bool, names: &[&str], arguments: &[OsString]) -> Resu
             Ok(python) => interpreters.push((python::OPEN3D.variable, python)),
             Err(reason) => eprintln!("no Open3D, its part is left out: {reason:#}"),
         }
+    }
+    if let Some((_, python)) = interpreters
+        .iter()
+        .find(|(variable, _)| *variable == python::LEARNING.variable)
+    {
+        let out = target_folder()?.join("wheels");
+        let wheel = wheel::build("release", &python::WHEEL.interpreter()?, &out)?;
+        wheel::install_into(python, &wheel)?;
     }
     let kornia = match names.contains(&"tag_detectors") {
         true => kornia_apriltag(),

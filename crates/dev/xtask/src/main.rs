@@ -23,6 +23,7 @@ mod setup;
 mod test;
 mod tidy;
 mod vm;
+mod wheel;
 
 use std::process::ExitCode;
 
@@ -95,6 +96,7 @@ fn run(verb: Verb) -> anyhow::Result<Ending> {
         Verb::Tidy { mode } => tidy::run(mode),
         Verb::Guide { install } => guide::whole(install),
         Verb::Fuzz { install, seconds } => fuzz::run(install, seconds),
+        Verb::Wheel { install, out } => wheel::run(install, out),
         Verb::Deb {
             install,
             architecture,

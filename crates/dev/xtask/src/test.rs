@@ -20,6 +20,7 @@ use crate::process::{self, cargo, human};
 use crate::setup::{self, Purpose};
 use crate::tidy;
 use crate::vm;
+use crate::wheel;
 use runner::Report;
 
 /// How a step ended; the text is what the table says beside it.
@@ -69,6 +70,7 @@ pub(crate) fn run(install: bool, quick: bool) -> Result<()> {
     }
     steps.push(step("tests", || tests(quick, python, &mut report)));
     if !quick {
+        steps.push(step("python package", python_package));
         steps.push(step("getting started", || {
             Ok(Ending::Passed(guide::run(false)?))
         }));
@@ -193,6 +195,17 @@ fn lines_of(output: impl Read + Send + 'static) -> Receiver<std::io::Result<Vec<
         }
     });
     lines
+}
+
+/// The Python package of the simulators in an environment of its own.
+fn python_package() -> Result<Ending> {
+    Ok(match wheel::interpreters() {
+        Ok(interpreters) => Ending::Passed(wheel::test(&interpreters)?),
+        Err(error) => {
+            println!("{error:#}");
+            Ending::LeftOut("no environment for it, see above".into())
+        }
+    })
 }
 
 /// The short form of the tests in virtual machines; their kernel is built if it is not there.

@@ -59,6 +59,27 @@ pub(crate) const RENDERER: Environment = Environment {
     list: "renderer-requirements.txt",
     imports: "import mitsuba, scipy, PIL",
 };
+/// maturin, which builds the Python package of the simulators.
+pub(crate) const WHEEL: Environment = Environment {
+    variable: "PAWS_MATURIN_PYTHON",
+    folder: "python-wheel",
+    list: "wheel-requirements.txt",
+    imports: "import maturin",
+};
+/// What that package needs, without itself.
+pub(crate) const SIMULATION: Environment = Environment {
+    variable: "PAWS_SIMULATION_PYTHON",
+    folder: "python-simulation",
+    list: "simulation-requirements.txt",
+    imports: "import gymnasium, numpy",
+};
+/// A library that trains.
+pub(crate) const LEARNING: Environment = Environment {
+    variable: "PAWS_LEARNING_PYTHON",
+    folder: "python-learning",
+    list: "learning-requirements.txt",
+    imports: "import gymnasium, numpy, stable_baselines3",
+};
 /// MuJoCo, and a robot that walks.
 pub(crate) const PHYSICS: Environment = Environment {
     variable: "PAWS_PHYSICS_PYTHON",

@@ -1,0 +1,97 @@
+"""PAWS-Sim's face: batches of camera poses in, RGB and depth out. Physics is outside or absent."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import numpy as np
+
+from . import _core
+
+_BUDGET_BYTES = 2 << 30
+
+
+class Cameras:
+    """Cameras anywhere in a scene.
+
+    Images are the same bits for any batch, order and number of threads. Gaussians are loaded with
+    the first image, within `budget_bytes`.
+    """
+
+    def __init__(self, scene, *, budget_bytes: int = _BUDGET_BYTES):
+        from .simulator import open_scene
+
+        self._arguments = (scene, budget_bytes)
+        self.scene = open_scene(scene)
+        if not any(self.scene.gaussians):
+            raise _core.SceneError(
+                f"scene {self.scene.name}: found no Gaussians, expected output splats, which "
+                "images are rendered from"
+            )
+        self._core = _core.Cameras(self.scene, budget_bytes)
+
+    def render(
+        self,
+        world_from_camera,
+        width: int = 64,
+        height: int = 64,
+        *,
+        fov: float | None = None,
+        K=None,
+        sectors=None,
+        keys=None,
+        **options: Any,
+    ) -> dict[str, np.ndarray]:
+        """Images at poses of optical frames, shape (N, 4, 4) or (4, 4).
+
+        `fov` is the field of view from left to right, rad (90 degrees without it and K), `K` the
+        3x3 matrix of intrinsics with pixel centers at integers. `sectors` are indices of the
+        sectors in whose frames the poses are (0 without). `keys` (N, 3) are seed, episode and frame
+        number of the noise of each image. Options: `quality` ("exact", "detail"), `depth`
+        ("median", "expected"), `far_m`, `noise` (settings), `max_bytes`.
+
+        Returns `rgb` u8 (N, height, width, 3), `depth` f32 (N, height, width) along the optical
+        axis, m, `far_m` where no surface is, and `has_depth`.
+        """
+        poses = np.ascontiguousarray(world_from_camera, np.float64)
+        if poses.ndim == 2:
+            poses = poses[None]
+        if poses.ndim != 3 or poses.shape[1:] != (4, 4):
+            raise _core.SettingError(
+                f"world_from_camera: found shape {poses.shape}, expected (N, 4, 4)"
+            )
+        n = len(poses)
+        sectors = np.zeros(n, np.int64) if sectors is None else np.asarray(sectors, np.int64)
+        keys = np.zeros((n, 3), np.uint64) if keys is None else np.asarray(keys, np.uint64)
+        lens = (int(width), int(height), *intrinsics(width, height, fov, K))
+        return self._core.render(
+            poses, sectors, lens, json.dumps(options, sort_keys=True), np.ascontiguousarray(keys)
+        )
+
+    def close(self) -> None:
+        """Gives memory back; may be called twice."""
+        self._core.close()
+
+    def __reduce__(self):
+        return _cameras, (self.scene, self._arguments[1])
+
+
+def _cameras(scene, budget_bytes: int) -> Cameras:
+    return Cameras(scene, budget_bytes=budget_bytes)
+
+
+def intrinsics(width: int, height: int, fov, K) -> tuple[float, float, float, float]:
+    """fx, fy, cx, cy of a field of view or a matrix."""
+    if K is not None:
+        if fov is not None:
+            raise _core.SettingError("camera: found fov and K, expected one of them")
+        matrix = np.asarray(K, np.float64)
+        if matrix.shape != (3, 3):
+            raise _core.SettingError(f"K: found shape {matrix.shape}, expected (3, 3)")
+        return (*(float(matrix[k, k]) for k in (0, 1)), float(matrix[0, 2]), float(matrix[1, 2]))
+    angle = np.pi / 2 if fov is None else float(fov)
+    if not 0.0 < angle < np.pi:
+        raise _core.SettingError(f"fov: found {angle} rad, expected above 0 and below pi")
+    focal = 0.5 * width / np.tan(0.5 * angle)
+    return (focal, focal, 0.5 * (width - 1), 0.5 * (height - 1))

@@ -1,0 +1,277 @@
+"""What the scalar and the vector environment share: configuration, spaces, observations."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import Any
+
+import numpy as np
+from gymnasium import spaces
+
+from . import _core
+from .cameras import Cameras
+
+TASKS = ("point-goal", "follow-path", "velocity")
+PARTS = ("state", "rgb", "depth")
+_DISCRETE = {
+    # Stop, forward, turn left, turn right.
+    "differential": [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [0.0, -1.0]],
+    "wheels": [[0.0, 0.0], [1.0, 1.0], [-1.0, 1.0], [1.0, -1.0]],
+    "holonomic": [
+        [0.0, 0.0, 0.0],
+        [1.0, 0.0, 0.0],
+        [0.0, 0.0, 1.0],
+        [0.0, 0.0, -1.0],
+        [0.0, 1.0, 0.0],
+        [0.0, -1.0, 0.0],
+    ],
+}
+
+
+class EndReason(IntEnum):
+    """Codes of `info["end_reason"]`: below 10 terminated, others truncated by default."""
+
+    NONE = 0
+    GOAL = 1
+    FALL = 2
+    COLLISION = 3
+    TIME_LIMIT = 10
+    DEVIATION = 11
+    LEFT_MAP = 12
+    UNKNOWN_GROUND = 13
+    PHYSICS_FAULT = 14
+
+
+@dataclass(frozen=True)
+class Inputs:
+    """What a reward is computed from: a step of all environments, before any autoreset.
+
+    `terms` are the terms of the built-in reward by name, `numbers` those of `info`, `state` the
+    observation vectors (n, k), `actions` (n, components), all first axes of n environments.
+    """
+
+    terms: dict[str, np.ndarray]
+    numbers: dict[str, np.ndarray]
+    state: np.ndarray
+    actions: np.ndarray
+    terminated: np.ndarray
+    truncated: np.ndarray
+
+
+Reward = Callable[[Inputs], np.ndarray]
+
+
+def open_scene(scene) -> _core.Scene:
+    """A scene of a path to a bundle, of `synthetic:NAME`, or as it is."""
+    if isinstance(scene, _core.Scene):
+        return scene
+    text = os.fspath(scene)
+    if text.startswith("synthetic:"):
+        return _core.Scene.synthetic(text.removeprefix("synthetic:"))
+    return _core.Scene.open(text)
+
+
+def merged(*parts: Mapping[str, Any]) -> dict[str, Any]:
+    """Nested settings; later ones win."""
+    whole: dict[str, Any] = {}
+    for part in parts:
+        for key, value in part.items():
+            if isinstance(value, Mapping):
+                value = merged(whole.get(key, {}), value)
+            whole[key] = value
+    return whole
+
+
+class Simulator:
+    """A world with its cameras, its spaces and the reward of the user."""
+
+    def __init__(
+        self,
+        scene,
+        environments: int,
+        *,
+        task: str,
+        observation,
+        actions,
+        config: Mapping[str, Any] | None,
+        camera: Mapping[str, Any] | None,
+        reward: Reward | None,
+        max_episode_steps: int | None,
+        copy: bool,
+    ):
+        if task not in TASKS:
+            raise _core.SettingError(f"task: found {task!r}, expected one of {', '.join(TASKS)}")
+        if reward is not None and not callable(reward):
+            raise _core.SettingError(f"reward: found {reward!r}, expected a callable")
+        self.scene = open_scene(scene)
+        self.task = task
+        self.environments = environments
+        settings = merged({"task": {"task": task}}, config or {})
+        settings["environments"] = environments
+        settings.setdefault("seed", 0)
+        if max_episode_steps is not None:
+            dt_s = settings.get("dt_s", 0.1)
+            limit = {"end": {"time_limit_s": max_episode_steps * dt_s}}
+            settings = merged(settings, limit)
+        try:
+            text = json.dumps(settings)
+        except TypeError as error:
+            raise _core.SettingError(f"configuration: {error}") from error
+        self.world = _core.World(self.scene, text, copy)
+        self.config = json.loads(self.world.config)
+        self.dt_s = self.config["dt_s"]
+        self.reward = reward
+
+        self.parts = self._checked_parts(observation)
+        self.camera = self._camera(camera or {})
+        self.images = None
+        self.observation_space = self._observation_space()
+        self._table = self._action_table(actions)
+        size = self.world.action_size
+        self.action_space: spaces.Space = (
+            spaces.Box(-1.0, 1.0, (size,), np.float32)
+            if self._table is None
+            else spaces.Discrete(len(self._table))
+        )
+
+    @staticmethod
+    def _checked_parts(observation) -> tuple[str, ...]:
+        parts = (observation,) if isinstance(observation, str) else tuple(observation)
+        unknown = [part for part in parts if part not in PARTS]
+        if unknown or not parts or len(set(parts)) < len(parts):
+            raise _core.SettingError(
+                f"observation: found {observation!r}, expected some of {', '.join(PARTS)}"
+            )
+        return tuple(sorted(parts))
+
+    @staticmethod
+    def _camera(camera: Mapping[str, Any]) -> dict[str, Any]:
+        whole = {"width": 64, "height": 64, "fov": np.pi / 2, "far_m": 20.0, **camera}
+        return whole
+
+    def _observation_space(self) -> spaces.Space:
+        low, high = self.world.observation_bounds()
+        height, width = self.camera["height"], self.camera["width"]
+        of = {
+            "state": lambda: spaces.Box(low, high, dtype=np.float32),
+            "rgb": lambda: spaces.Box(0, 255, (height, width, 3), np.uint8),
+            "depth": lambda: spaces.Box(
+                0.0, self.camera["far_m"], (height, width, 1), np.float32
+            ),
+        }
+        if self.parts == ("state",):
+            return of["state"]()
+        return spaces.Dict({part: of[part]() for part in self.parts})
+
+    def _action_table(self, actions) -> np.ndarray | None:
+        if isinstance(actions, str):
+            if actions == "continuous":
+                return None
+            drive = self.config["drive"]
+            if actions == "discrete" and drive in _DISCRETE:
+                return np.array(_DISCRETE[drive])
+            raise _core.SettingError(
+                f"actions: found {actions!r} with the drive {drive}, expected continuous, discrete "
+                "(differential, wheels, holonomic) or a table of actions"
+            )
+        table = np.asarray(actions, np.float64)
+        size = self.world.action_size
+        if table.ndim != 2 or table.shape[1] != size or not np.isfinite(table).all():
+            raise _core.SettingError(
+                f"actions: found a table of shape {table.shape}, expected finite (m, {size})"
+            )
+        return table
+
+    def commands(self, actions) -> np.ndarray:
+        """Actions of the action space as components of -1 to 1, shape (n, components)."""
+        n, size = self.environments, self.world.action_size
+        if self._table is not None:
+            indices = np.asarray(actions)
+            is_index = indices.shape == (n,) and np.issubdtype(indices.dtype, np.integer)
+            if not is_index:
+                raise _core.ActionError(
+                    f"actions: found {indices.dtype} of shape {indices.shape}, expected {n} "
+                    "whole numbers"
+                )
+            wrong = (indices < 0) | (indices >= len(self._table))
+            if wrong.any():
+                at = int(wrong.argmax())
+                raise _core.ActionError(
+                    f"action of environment {at}: found {indices[at]}, expected 0 to "
+                    f"{len(self._table) - 1}"
+                )
+            return self._table[indices]
+        try:
+            values = np.asarray(actions, np.float64)
+        except (TypeError, ValueError) as error:
+            raise _core.ActionError(f"actions: {error}") from error
+        if values.shape != (n, size):
+            raise _core.ActionError(
+                f"actions: found shape {values.shape}, expected ({n}, {size})"
+            )
+        return np.ascontiguousarray(values)
+
+    def observe(self, state: np.ndarray, numbers: Mapping[str, np.ndarray]):
+        """The observation of all environments after a step or reset."""
+        if self.parts == ("state",):
+            return state
+        poses, sectors = self.world.camera_poses()
+        keys = self.world.random_keys()
+        return self._observation(state, poses, sectors, keys, numbers["steps"])
+
+    def final_observations(self, mask: np.ndarray, state: np.ndarray, numbers):
+        """Those of the environments of a mask before their reset in the same step."""
+        if self.parts == ("state",):
+            return state[mask]
+        poses, sectors = self.world.final_camera_poses()
+        keys = self.world.random_keys()[mask]
+        # They were drawn with the number of the episode before.
+        keys[:, 1] -= 1
+        return self._observation(state[mask], poses, sectors, keys, numbers["steps"][mask])
+
+    def _observation(self, state, poses, sectors, keys, steps):
+        keys = np.column_stack([keys, steps.astype(np.uint64)])
+        images = self.render(poses, sectors, keys, self.camera)
+        whole = {"state": state, "rgb": images["rgb"], "depth": images["depth"][..., None]}
+        return {part: whole[part] for part in self.parts}
+
+    def render(self, poses, sectors, keys, camera: Mapping[str, Any]) -> dict[str, np.ndarray]:
+        """Images of a camera of the settings `camera`."""
+        if self.images is None:
+            self.images = Cameras(self.scene)
+        return self.images.render(poses, sectors=sectors, keys=keys, **camera)
+
+    def rewards(
+        self, rewards, actions, state, numbers, terminated, truncated, reset_before
+    ) -> np.ndarray:
+        """The built-in reward, or that of the user; 0 where a step only began an episode."""
+        if self.reward is None:
+            return rewards
+        terms = self.world.reward_terms()
+        inputs = Inputs(
+            terms={name: terms[:, k].copy() for k, name in enumerate(_core.REWARD_TERMS)},
+            numbers=dict(numbers),
+            state=state,
+            actions=actions,
+            terminated=terminated.copy(),
+            truncated=truncated.copy(),
+        )
+        values = np.asarray(self.reward(inputs), np.float64)
+        if values.shape != (self.environments,):
+            raise ValueError(
+                f"reward: found shape {values.shape}, expected ({self.environments},)"
+            )
+        if not np.isfinite(values).all():
+            at = int((~np.isfinite(values)).argmax())
+            raise ValueError(f"reward of environment {at}: found {values[at]}, expected finite")
+        return np.where(reset_before, 0.0, values)
+
+    def close(self) -> None:
+        """Gives memory back."""
+        self.world.close()
+        if self.images is not None:
+            self.images.close()

@@ -1,0 +1,179 @@
+"""One environment, as `gymnasium.Env`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import gymnasium
+import numpy as np
+
+from . import _core
+from .simulator import Simulator
+
+_DISABLED = 2
+_FILM = {"width": 320, "height": 240}
+
+
+class WalkEnv(gymnasium.Env):
+    """An agent that walks through a scene.
+
+    - `scene`: path of a scene bundle, `synthetic:NAME`, or a `Scene`.
+    - `task`: `point-goal`, `follow-path` or `velocity`.
+    - `observation`: `state` for a vector, or some of `state`, `rgb`, `depth` for a dictionary.
+    - `actions`: `continuous`, `discrete`, or a table (m, components) of components of -1 to 1.
+    - `config`: nested settings of the world, such as `{"end": {"time_limit_s": 30.0}}`.
+    - `camera`: settings of the images: `width`, `height`, `fov` or `K`, `far_m`, `quality`, ...
+    - `reward`: a callable of `Inputs` that returns one number per environment.
+
+    `info` holds numbers with the same keys and types in every step: `end_reason` (`EndReason`),
+    `is_success`, `blocked`, `deviation_m`, `deviation_rad`, `support_db`, `collisions`, `clipped`,
+    `steps`, `path_length_m`, `remaining_m`, `spl`, `soft_spl`.
+
+    `reset(options={"snapshot": bytes})` goes on from a snapshot of `save`.
+    """
+
+    metadata = {"render_modes": ["rgb_array"], "render_fps": 10}
+
+    def __init__(
+        self,
+        scene="synthetic:room",
+        *,
+        task: str = "point-goal",
+        observation="state",
+        actions="continuous",
+        config: Mapping[str, Any] | None = None,
+        camera: Mapping[str, Any] | None = None,
+        reward=None,
+        render_mode: str | None = None,
+        max_episode_steps: int | None = None,
+    ):
+        if render_mode is not None and render_mode not in self.metadata["render_modes"]:
+            raise _core.SettingError(
+                f"render_mode: found {render_mode!r}, expected None or rgb_array"
+            )
+        self._simulator = Simulator(
+            scene,
+            1,
+            task=task,
+            observation=observation,
+            actions=actions,
+            config=config,
+            camera=camera,
+            reward=reward,
+            max_episode_steps=max_episode_steps,
+            copy=True,
+        )
+        self._arguments = {
+            "scene": self._simulator.scene,
+            "task": task,
+            "observation": observation,
+            "actions": actions,
+            "config": config,
+            "camera": camera,
+            "reward": reward,
+            "render_mode": render_mode,
+            "max_episode_steps": max_episode_steps,
+        }
+        self.render_mode = render_mode
+        self.metadata = {**self.metadata, "render_fps": 1.0 / self._simulator.dt_s}
+        self.observation_space = self._simulator.observation_space
+        self.action_space = self._simulator.action_space
+        self._has_seed = False
+
+    @property
+    def scene(self) -> _core.Scene:
+        """The scene."""
+        return self._simulator.scene
+
+    @property
+    def config(self) -> dict[str, Any]:
+        """The whole configuration of the world."""
+        return self._simulator.config
+
+    def reset(self, *, seed: int | None = None, options: Mapping[str, Any] | None = None):
+        """Begins an episode. The same seed gives the same episodes; without one, the next."""
+        super().reset(seed=seed)
+        world = self._simulator.world
+        options = dict(options or {})
+        snapshot = options.pop("snapshot", None)
+        if options:
+            raise _core.SettingError(f"options: found {sorted(options)}, expected snapshot")
+        if snapshot is not None:
+            self.restore(snapshot)
+        else:
+            if seed is None and not self._has_seed:
+                seed = int(self.np_random.integers(2**32))
+            world.reset(None, None if seed is None else [int(seed)])
+            self._has_seed = True
+        state, numbers = world.observations(), world.numbers()
+        return _first(self._simulator.observe(state, numbers)), _scalars(numbers)
+
+    def step(self, action):
+        """Advances by `dt_s` seconds."""
+        simulator = self._simulator
+        commands = simulator.commands(np.asarray(action)[None])
+        state, rewards, terminated, truncated, numbers, _ = simulator.world.step(
+            commands, _DISABLED
+        )
+        rewards = simulator.rewards(
+            rewards, commands, state, numbers, terminated, truncated, False
+        )
+        return (
+            _first(simulator.observe(state, numbers)),
+            float(rewards[0]),
+            bool(terminated[0]),
+            bool(truncated[0]),
+            _scalars(numbers),
+        )
+
+    def render(self) -> np.ndarray | None:
+        """What the agent sees, 320x240 pixels."""
+        if self.render_mode is None:
+            gymnasium.logger.warn("render() without render_mode; make the environment with one")
+            return None
+        world = self._simulator.world
+        poses, sectors = world.camera_poses()
+        keys = np.column_stack([world.random_keys(), world.numbers()["steps"].astype(np.uint64)])
+        return self._simulator.render(poses, sectors, keys, _FILM)["rgb"][0]
+
+    def save(self) -> bytes:
+        """A snapshot of at most 4 KB."""
+        return self._simulator.world.save(0, b"")
+
+    def restore(self, snapshot: bytes) -> None:
+        """Goes on from a snapshot, which may be of another process."""
+        self._simulator.world.restore(0, bytes(snapshot))
+        self._has_seed = True
+
+    def close(self) -> None:
+        """Gives memory back; may be called twice."""
+        self._simulator.close()
+
+    def __getstate__(self) -> dict[str, Any]:
+        kept = {
+            name: value
+            for name, value in self.__dict__.items()
+            if name not in ("_simulator", "observation_space", "action_space")
+        }
+        kept["snapshot"] = self.save()
+        kept["spaces"] = (self.observation_space, self.action_space)
+        return kept
+
+    def __setstate__(self, kept: dict[str, Any]) -> None:
+        snapshot, spaces = kept.pop("snapshot"), kept.pop("spaces")
+        type(self).__init__(self, **kept["_arguments"])
+        self.__dict__.update(kept)
+        # With the state of their random numbers.
+        self.observation_space, self.action_space = spaces
+        self._simulator.world.restore(0, snapshot)
+
+
+def _first(observation):
+    if isinstance(observation, dict):
+        return {part: values[0] for part, values in observation.items()}
+    return observation[0]
+
+
+def _scalars(numbers: Mapping[str, np.ndarray]) -> dict[str, Any]:
+    return {name: values[0].item() for name, values in numbers.items()}

@@ -1,0 +1,268 @@
+"""Many environments, as `gymnasium.vector.VectorEnv`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import gymnasium
+import numpy as np
+from gymnasium.vector import AutoresetMode
+from gymnasium.vector.utils import batch_space
+
+from . import _core
+from .simulator import Simulator
+from .walk_env import _FILM
+
+_CODES = {AutoresetMode.NEXT_STEP: 0, AutoresetMode.SAME_STEP: 1, AutoresetMode.DISABLED: 2}
+
+
+class WalkVectorEnv(gymnasium.vector.VectorEnv):
+    """Agents in environments of their own on one scene. Environment i with the seed s is
+    `WalkEnv` with the seed s + i, bit for bit.
+
+    - `autoreset_mode`: `NEXT_STEP` (after an episode's end the next step ignores the action, has
+      reward 0 and returns the first observation of the next episode), `SAME_STEP` (the step of the
+      end returns it; `info["final_obs"]` and `info["final_info"]` have the end) or `DISABLED`
+      (`reset(options={"reset_mask": mask})`).
+    - `copy`: without it the state vectors are one of two arrays that steps alternate between, valid
+      until the step after the next.
+
+    The others are those of `WalkEnv`. `info` has arrays of the numbers, and with each its mask.
+    """
+
+    metadata = {
+        "render_modes": ["rgb_array"],
+        "render_fps": 10,
+        "autoreset_mode": AutoresetMode.NEXT_STEP,
+    }
+
+    def __init__(
+        self,
+        scene="synthetic:room",
+        num_envs: int = 1,
+        *,
+        task: str = "point-goal",
+        observation="state",
+        actions="continuous",
+        config: Mapping[str, Any] | None = None,
+        camera: Mapping[str, Any] | None = None,
+        reward=None,
+        render_mode: str | None = None,
+        max_episode_steps: int | None = None,
+        autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
+        copy: bool = True,
+    ):
+        if render_mode is not None and render_mode not in self.metadata["render_modes"]:
+            raise _core.SettingError(
+                f"render_mode: found {render_mode!r}, expected None or rgb_array"
+            )
+        try:
+            self.autoreset_mode = AutoresetMode(autoreset_mode)
+        except ValueError as error:
+            names = ", ".join(mode.value for mode in AutoresetMode)
+            raise _core.SettingError(
+                f"autoreset_mode: found {autoreset_mode!r}, expected one of {names}"
+            ) from error
+        self._simulator = Simulator(
+            scene,
+            num_envs,
+            task=task,
+            observation=observation,
+            actions=actions,
+            config=config,
+            camera=camera,
+            reward=reward,
+            max_episode_steps=max_episode_steps,
+            copy=copy,
+        )
+        self._arguments = {
+            "scene": self._simulator.scene,
+            "num_envs": num_envs,
+            "task": task,
+            "observation": observation,
+            "actions": actions,
+            "config": config,
+            "camera": camera,
+            "reward": reward,
+            "render_mode": render_mode,
+            "max_episode_steps": max_episode_steps,
+            "autoreset_mode": self.autoreset_mode,
+            "copy": copy,
+        }
+        self.num_envs = num_envs
+        self.render_mode = render_mode
+        self.metadata = {
+            **self.metadata,
+            "render_fps": 1.0 / self._simulator.dt_s,
+            "autoreset_mode": self.autoreset_mode,
+        }
+        self.single_observation_space = self._simulator.observation_space
+        self.single_action_space = self._simulator.action_space
+        self.observation_space = batch_space(self.single_observation_space, num_envs)
+        self.action_space = batch_space(self.single_action_space, num_envs)
+        self._ended = np.zeros(num_envs, np.bool_)
+        self._has_seed = False
+
+    @property
+    def scene(self) -> _core.Scene:
+        """The scene."""
+        return self._simulator.scene
+
+    @property
+    def config(self) -> dict[str, Any]:
+        """The whole configuration of the world."""
+        return self._simulator.config
+
+    def reset(
+        self,
+        *,
+        seed: int | Sequence[int | None] | None = None,
+        options: Mapping[str, Any] | None = None,
+    ):
+        """Begins episodes, in the environments of `options["reset_mask"]` or in all. A seed s gives
+        environment i the seed s + i; a list has one for each."""
+        super().reset(seed=seed if isinstance(seed, (int, np.integer)) else None)
+        options = dict(options or {})
+        mask = options.pop("reset_mask", None)
+        if options:
+            raise _core.SettingError(f"options: found {sorted(options)}, expected reset_mask")
+        if mask is not None:
+            mask = self._checked_mask(mask)
+        world = self._simulator.world
+        seeds = self._seeds(seed)
+        if seeds is not None and None in seeds:
+            chosen = np.array([one is not None for one in seeds])
+            inside = np.ones(self.num_envs, np.bool_) if mask is None else mask
+            if (inside & chosen).any():
+                world.reset(inside & chosen, [one or 0 for one in seeds])
+            if (inside & ~chosen).any():
+                world.reset(inside & ~chosen, None)
+        else:
+            world.reset(mask, seeds)
+        self._has_seed = True
+        self._ended[slice(None) if mask is None else mask] = False
+        state, numbers = world.observations(), world.numbers()
+        return self._simulator.observe(state, numbers), self._info(numbers, mask)
+
+    def _seeds(self, seed) -> list[int | None] | None:
+        if seed is None and not self._has_seed:
+            seed = int(self.np_random.integers(2**32))
+        if seed is None:
+            return None
+        if isinstance(seed, (int, np.integer)):
+            return [int(seed) + k for k in range(self.num_envs)]
+        if len(seed) != self.num_envs:
+            raise _core.SettingError(f"seed: found {len(seed)} seeds, expected {self.num_envs}")
+        return [None if one is None else int(one) for one in seed]
+
+    def _checked_mask(self, mask) -> np.ndarray:
+        if not isinstance(mask, np.ndarray):
+            raise TypeError(f"reset_mask: found {type(mask)}, expected a numpy array")
+        if mask.dtype != np.bool_:
+            raise TypeError(f"reset_mask: found {mask.dtype}, expected bool")
+        if mask.shape != (self.num_envs,):
+            raise _core.SettingError(
+                f"reset_mask: found shape {mask.shape}, expected ({self.num_envs},)"
+            )
+        if not mask.any():
+            raise _core.SettingError("reset_mask: found no True, expected at least one")
+        return np.ascontiguousarray(mask)
+
+    def step(self, actions):
+        """Advances all environments by `dt_s` seconds."""
+        simulator = self._simulator
+        commands = simulator.commands(actions)
+        state, rewards, terminated, truncated, numbers, ended = simulator.world.step(
+            commands, _CODES[self.autoreset_mode]
+        )
+        reset_before = self._ended
+        if self.autoreset_mode != AutoresetMode.SAME_STEP:
+            self._ended = terminated | truncated
+        # A reward is of the episode that the action belonged to.
+        before = (state, numbers) if ended is None else ended[1:]
+        rewards = simulator.rewards(
+            rewards, commands, *before, terminated, truncated, reset_before
+        )
+        info = self._info(numbers, None)
+        if ended is not None:
+            mask, final_state, final_numbers = ended
+            info.update(self._final(mask, final_state, final_numbers))
+        return simulator.observe(state, numbers), rewards, terminated, truncated, info
+
+    def _info(self, numbers: Mapping[str, np.ndarray], mask: np.ndarray | None) -> dict[str, Any]:
+        info: dict[str, Any] = {}
+        for name, values in numbers.items():
+            info[name] = values if mask is None else np.where(mask, values, values.dtype.type(0))
+            info[f"_{name}"] = np.ones(self.num_envs, np.bool_) if mask is None else mask.copy()
+        return info
+
+    def _final(self, mask, state, numbers) -> dict[str, Any]:
+        observations = self._simulator.final_observations(mask, state, numbers)
+        final = np.full(self.num_envs, None, dtype=object)
+        for row, index in enumerate(np.flatnonzero(mask)):
+            if isinstance(observations, dict):
+                final[index] = {part: values[row] for part, values in observations.items()}
+            else:
+                final[index] = observations[row]
+        return {
+            "final_obs": final,
+            "_final_obs": mask.copy(),
+            "final_info": self._info(numbers, mask),
+            "_final_info": mask.copy(),
+        }
+
+    def render(self) -> tuple[np.ndarray, ...] | None:
+        """What each agent sees, 320x240 pixels."""
+        if self.render_mode is None:
+            gymnasium.logger.warn("render() without render_mode; make the environment with one")
+            return None
+        world = self._simulator.world
+        poses, sectors = world.camera_poses()
+        keys = np.column_stack([world.random_keys(), world.numbers()["steps"].astype(np.uint64)])
+        return tuple(self._simulator.render(poses, sectors, keys, _FILM)["rgb"])
+
+    def states(self) -> dict[str, np.ndarray]:
+        """Agents: `sector`, `level`, `position_m`, `angles_rad` (yaw, pitch, roll), `velocity`
+        (forward, left, yaw rate), `is_on_ground`."""
+        return self._simulator.world.states()
+
+    def camera_poses(self) -> tuple[np.ndarray, np.ndarray]:
+        """Poses `world_from_camera` (n, 4, 4) in their sectors, and the sectors."""
+        return self._simulator.world.camera_poses()
+
+    def save(self, environment: int) -> bytes:
+        """A snapshot of an environment, at most 4 KB."""
+        return self._simulator.world.save(environment, b"")
+
+    def restore(self, environment: int, snapshot: bytes) -> None:
+        """An environment goes on from a snapshot, which may be of another one."""
+        world = self._simulator.world
+        world.restore(environment, bytes(snapshot))
+        self._ended[environment] = world.has_ended()[environment]
+        self._has_seed = True
+
+    def close_extras(self, **_kwargs: Any) -> None:
+        """Gives memory back."""
+        self._simulator.close()
+
+    def __getstate__(self) -> dict[str, Any]:
+        left_out = (
+            "_simulator",
+            "single_observation_space",
+            "single_action_space",
+            "observation_space",
+            "action_space",
+        )
+        kept = {name: value for name, value in self.__dict__.items() if name not in left_out}
+        kept["snapshots"] = [self.save(index) for index in range(self.num_envs)]
+        kept["spaces"] = {name: getattr(self, name) for name in left_out[1:]}
+        return kept
+
+    def __setstate__(self, kept: dict[str, Any]) -> None:
+        snapshots, spaces = kept.pop("snapshots"), kept.pop("spaces")
+        type(self).__init__(self, **kept["_arguments"])
+        self.__dict__.update(kept)
+        self.__dict__.update(spaces)
+        for index, snapshot in enumerate(snapshots):
+            self._simulator.world.restore(index, snapshot)

@@ -1,0 +1,40 @@
+//! `paws_sim._core`: scenes, worlds and cameras of the package `simulation` for Python.
+//!
+//! The Python package builds Gymnasium environments of them and holds all its words; this library
+//! hands arrays over. Python's global lock is released while worlds step and images are rendered.
+//! No thread is started before the first reset or image, and threads do not outlive a fork:
+//! see [`pool`].
+
+mod cameras;
+mod error;
+mod pool;
+mod scene;
+mod world;
+
+use pyo3::prelude::*;
+
+#[pymodule]
+mod _core {
+    use super::*;
+
+    #[pymodule_export]
+    use super::cameras::PyCameras;
+    #[pymodule_export]
+    use super::scene::PyScene;
+    #[pymodule_export]
+    use super::world::PyWorld;
+
+    #[pymodule_init]
+    fn init(module: &Bound<'_, PyModule>) -> PyResult<()> {
+        error::add_to(module)?;
+        module.add("REWARD_TERMS", simulation::REWARD_TERMS)?;
+        module.add("__version__", env!("CARGO_PKG_VERSION"))
+    }
+
+    /// Sets the number of threads for steps and images; 0 is one per core. Results do not depend
+    /// on it.
+    #[pyfunction]
+    fn set_threads(threads: usize) {
+        pool::set_threads(threads);
+    }
+}

@@ -1,0 +1,182 @@
+//! Scenes for Python.
+
+use std::path::PathBuf;
+use std::sync::Arc;
+
+use cad_transforms::RigidTransform;
+use numpy::{PyArray1, PyArray3, PyArrayMethods};
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+use simulation::testing::SyntheticScene;
+use simulation::{SceneData, SimulationError};
+
+use crate::error::{SettingError, exception};
+use crate::pool;
+
+/// A scene: what was reconstructed, shared by worlds and cameras.
+#[pyclass(name = "Scene", module = "paws_sim._core", frozen)]
+pub(crate) struct PyScene {
+    pub(crate) data: Arc<SceneData>,
+    /// What `paws_sim.open_scene` opens it by.
+    source: String,
+}
+
+#[pymethods]
+impl PyScene {
+    /// Opens a scene bundle; the hash of every file is checked.
+    #[staticmethod]
+    fn open(py: Python<'_>, path: PathBuf) -> PyResult<Self> {
+        let path = path.canonicalize().unwrap_or(path);
+        let source = path.display().to_string();
+        let opened = pool::run_apart(py, move |_| SceneData::open(&path))?;
+        let data = opened.map_err(|error| exception(&error))?;
+        Ok(Self {
+            data: Arc::new(data),
+            source,
+        })
+    }
+
+    /// A synthetic scene with exact truth: `tilted-plane`, `stairs`, `kerb`, `wall`, `room`,
+    /// `bridge` or `corridor-loop`.
+    #[staticmethod]
+    fn synthetic(py: Python<'_>, name: String) -> PyResult<Self> {
+        let make: fn() -> Result<SyntheticScene, SimulationError> = match name.as_str() {
+            "tilted-plane" => || SyntheticScene::tilted_plane([0.1, 0.05]),
+            "stairs" => SyntheticScene::stairs,
+            "kerb" => || SyntheticScene::kerb(0.12),
+            "wall" => SyntheticScene::wall,
+            "room" => SyntheticScene::room,
+            "bridge" => SyntheticScene::bridge,
+            "corridor-loop" => SyntheticScene::corridor_loop,
+            _ => {
+                return Err(SettingError::new_err(format!(
+                    "synthetic scene: found {name:?}, expected tilted-plane, stairs, kerb, wall, \
+                     room, bridge or corridor-loop"
+                )));
+            }
+        };
+        let made = pool::run_apart(py, move |_| make())?.map_err(|error| exception(&error))?;
+        Ok(Self {
+            data: made.scene,
+            source: format!("synthetic:{name}"),
+        })
+    }
+
+    /// Its name.
+    #[getter]
+    fn name(&self) -> &str {
+        &self.data.name
+    }
+
+    /// Hash of everything in it. Snapshots belong to a scene by it.
+    #[getter]
+    fn hash(&self) -> String {
+        self.data
+            .hash
+            .iter()
+            .map(|byte| format!("{byte:02x}"))
+            .collect()
+    }
+
+    /// Names of its sectors.
+    #[getter]
+    fn sectors(&self) -> Vec<String> {
+        self.data
+            .sectors
+            .iter()
+            .map(|sector| sector.name.clone())
+            .collect()
+    }
+
+    /// Outputs that it does not have: place, name of the output, features that this costs.
+    #[getter]
+    fn missing(&self) -> Vec<(String, String, String)> {
+        let missing = self.data.missing().iter();
+        missing
+            .map(|m| (m.place.clone(), m.output.clone(), m.features.clone()))
+            .collect()
+    }
+
+    /// Number of Gaussians of each sector.
+    #[getter]
+    fn gaussians(&self) -> Vec<usize> {
+        let sectors = self.data.sectors.iter();
+        sectors
+            .map(|sector| sector.gaussians.as_ref().map_or(0, |of| of.count()))
+            .collect()
+    }
+
+    /// Recorded camera poses `world_from_camera` in the frame of a sector, shape (N, 4, 4).
+    fn reference_poses<'py>(
+        &self,
+        py: Python<'py>,
+        sector: usize,
+    ) -> PyResult<Bound<'py, PyArray3<f64>>> {
+        let sector = self.data.sectors.get(sector).ok_or_else(|| {
+            SettingError::new_err(format!(
+                "sector: found {sector}, expected below {}",
+                self.data.sectors.len()
+            ))
+        })?;
+        matrices(py, sector.references.iter())
+    }
+
+    /// Cameras that recorded a sector: name, image size, intrinsics fx, fy, cx, cy.
+    fn cameras<'py>(&self, py: Python<'py>, sector: usize) -> PyResult<Vec<Bound<'py, PyDict>>> {
+        let sector = self.data.sectors.get(sector).ok_or_else(|| {
+            SettingError::new_err(format!(
+                "sector: found {sector}, expected below {}",
+                self.data.sectors.len()
+            ))
+        })?;
+        let cameras = sector.recording.cameras.iter().map(|camera| {
+            let model = &camera.model;
+            let of = PyDict::new(py);
+            of.set_item("name", &camera.name)?;
+            of.set_item("size", (model.width, model.height))?;
+            of.set_item("intrinsics", (model.fx, model.fy, model.cx, model.cy))?;
+            Ok(of)
+        });
+        cameras.collect()
+    }
+
+    /// What `paws_sim.open_scene` opens it by: an absolute path, or `synthetic:` and a name.
+    #[getter]
+    fn source(&self) -> &str {
+        &self.source
+    }
+
+    /// A pickle opens the scene again.
+    fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyAny>, (String,))> {
+        let open = py.import("paws_sim")?.getattr("open_scene")?;
+        Ok((open, (self.source.clone(),)))
+    }
+
+    /// Scenes do not change, so that copies share them.
+    fn __deepcopy__<'py>(slf: Bound<'py, Self>, _memo: &Bound<'py, PyAny>) -> Bound<'py, Self> {
+        slf
+    }
+
+    fn __repr__(&self) -> String {
+        let sectors = self.data.sectors.len();
+        format!("Scene({:?}, {sectors} sectors)", self.data.name)
+    }
+}
+
+/// Poses as homogeneous matrices.
+pub(crate) fn matrices<'a, 'py>(
+    py: Python<'py>,
+    poses: impl Iterator<Item = &'a RigidTransform>,
+) -> PyResult<Bound<'py, PyArray3<f64>>> {
+    let mut values = Vec::new();
+    for pose in poses {
+        let translation = pose.translation_m();
+        let axes = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]].map(|a| pose.rotate(a));
+        for row in 0..3 {
+            values.extend([axes[0][row], axes[1][row], axes[2][row], translation[row]]);
+        }
+        values.extend([0.0, 0.0, 0.0, 1.0]);
+    }
+    let count = values.len() / 16;
+    PyArray1::from_vec(py, values).reshape([count, 4, 4])
+}

@@ -1,0 +1,379 @@
+//! Worlds for Python: steps with autoreset, and results as arrays.
+
+mod arrays;
+mod autoreset;
+
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+use cad_transforms::RigidTransform;
+use numpy::{
+    PyArray1, PyArray2, PyArray3, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2,
+    PyUntypedArrayMethods,
+};
+use pyo3::prelude::*;
+use pyo3::types::{PyBytes, PyDict, PyTuple};
+use simulation::{AgentState, World, WorldConfig};
+
+use self::autoreset::{Autoreset, Batch};
+use crate::error::{ActionError, SettingError, StateError, exception};
+use crate::pool::{self, Owner};
+use crate::scene::{PyScene, matrices};
+
+/// Environments above which a step takes so long that a signal must end the wait for it: 50 ms
+/// of one core.
+const LONG_STEP: usize = 8192;
+
+/// Least and greatest values.
+type Bounds<'py> = (Bound<'py, PyArray1<f32>>, Bound<'py, PyArray1<f32>>);
+/// Poses as matrices, and their sectors.
+type Poses<'py> = (Bound<'py, PyArray3<f64>>, Bound<'py, PyArray1<i64>>);
+
+/// Environments with an agent each on one scene.
+#[pyclass(name = "World", module = "paws_sim._core", frozen)]
+pub(crate) struct PyWorld {
+    batch: Arc<Mutex<Option<Batch>>>,
+    /// Two arrays that observations alternate between where they are not copied.
+    buffers: Mutex<Option<[Py<PyArray2<f32>>; 2]>>,
+    owner: Owner,
+    environments: usize,
+    action_size: usize,
+    config: String,
+}
+
+#[pymethods]
+impl PyWorld {
+    /// A world on a scene, with its configuration as JSON. Settings that are left out have their
+    /// default. Starts no threads.
+    #[new]
+    fn new(py: Python<'_>, scene: &PyScene, config: &str, copy: bool) -> PyResult<Self> {
+        let parsed: WorldConfig = serde_json::from_str(config)
+            .map_err(|error| SettingError::new_err(format!("configuration: {error}")))?;
+        let whole = serde_json::to_string(&parsed)
+            .map_err(|error| SettingError::new_err(format!("configuration: {error}")))?;
+        let (environments, action_size) = (parsed.environments, parsed.drive.action_size());
+        let data = scene.data.clone();
+        let made = py.detach(|| World::new(data, parsed));
+        let world = made.map_err(|error| exception(&error))?;
+        let shape = [environments, world.observation_bounds().0.len()];
+        let buffer = || PyArray2::<f32>::zeros(py, shape, false).unbind();
+        let buffers = (!copy).then(|| [buffer(), buffer()]);
+        Ok(Self {
+            batch: Arc::new(Mutex::new(Some(Batch::new(world)))),
+            buffers: Mutex::new(buffers),
+            owner: Owner::default(),
+            environments,
+            action_size,
+            config: whole,
+        })
+    }
+
+    /// Number of environments.
+    #[getter]
+    fn environments(&self) -> usize {
+        self.environments
+    }
+
+    /// Components of an action.
+    #[getter]
+    fn action_size(&self) -> usize {
+        self.action_size
+    }
+
+    /// The whole configuration as JSON.
+    #[getter]
+    fn config(&self) -> &str {
+        &self.config
+    }
+
+    /// Named parts of an observation vector: name, first element, number of elements.
+    fn observation_fields(&self, py: Python<'_>) -> PyResult<Vec<(&'static str, usize, usize)>> {
+        self.read(py, |batch| {
+            let fields = batch.world.observation_fields().iter();
+            let field = |field: &simulation::ObservationField| {
+                (field.name, field.elements.start, field.elements.len())
+            };
+            fields.map(field).collect()
+        })
+    }
+
+    /// Least and greatest value of each element of an observation vector.
+    fn observation_bounds<'py>(&self, py: Python<'py>) -> PyResult<Bounds<'py>> {
+        self.read(py, |batch| {
+            let (low, high) = batch.world.observation_bounds();
+            (
+                PyArray1::from_slice(py, low),
+                PyArray1::from_slice(py, high),
+            )
+        })
+    }
+
+    /// Begins episodes in the environments of the mask, or in all. With seeds, one per environment,
+    /// episodes are counted from 0.
+    #[pyo3(signature = (mask=None, seeds=None))]
+    fn reset(
+        &self,
+        py: Python<'_>,
+        mask: Option<PyReadonlyArray1<'_, bool>>,
+        seeds: Option<Vec<u64>>,
+    ) -> PyResult<()> {
+        self.owner.check("the world")?;
+        let mask = mask.map(|mask| mask.as_array().to_vec());
+        self.work(py, true, move |batch| {
+            batch.reset(mask.as_deref(), seeds.as_deref())
+        })
+    }
+
+    /// Advances all environments, with an autoreset of 0 (the step after the end), 1 (in the same
+    /// step) or 2 (none). Returns observations, rewards, terminated, truncated, numbers of the
+    /// step, and with 1 where episodes ended: their mask, final observations and numbers.
+    fn step<'py>(
+        &self,
+        py: Python<'py>,
+        actions: PyReadonlyArray2<'py, f64>,
+        autoreset: u8,
+    ) -> PyResult<Bound<'py, PyTuple>> {
+        self.owner.check("the world")?;
+        let autoreset = Autoreset::from_code(autoreset)?;
+        let expected = [self.environments, self.action_size];
+        if actions.shape() != expected {
+            return Err(ActionError::new_err(format!(
+                "actions: found shape {:?}, expected {expected:?}",
+                actions.shape()
+            )));
+        }
+        let actions: Vec<f64> = actions.as_array().iter().copied().collect();
+        let is_long = self.environments > LONG_STEP;
+        self.work(py, is_long, move |batch| batch.step(&actions, autoreset))?;
+        let batch = self.lock(py)?;
+        let batch = open(&batch)?;
+        let done = &batch.step;
+        let ended = match &batch.ended {
+            None => py.None().into_bound(py),
+            Some(ended) => {
+                let mask = PyArray1::from_slice(py, &ended.mask);
+                let observations = PyArray1::from_slice(py, &ended.observations)
+                    .reshape([self.environments, batch.observation_len()])?;
+                let numbers = arrays::numbers(py, &ended.result)?;
+                (mask, observations, numbers).into_pyobject(py)?.into_any()
+            }
+        };
+        (
+            self.observations_of(py, batch)?,
+            PyArray1::from_slice(py, &done.rewards),
+            PyArray1::from_slice(py, &done.terminated),
+            PyArray1::from_slice(py, &done.truncated),
+            arrays::numbers(py, batch.world.result())?,
+            ended,
+        )
+            .into_pyobject(py)
+    }
+
+    /// Observation vectors, shape (environments, elements).
+    fn observations<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f32>>> {
+        let batch = self.lock(py)?;
+        self.observations_of(py, open(&batch)?)
+    }
+
+    /// Numbers of the last step or reset by name, one per environment.
+    fn numbers<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        let batch = self.lock(py)?;
+        arrays::numbers(py, open(&batch)?.world.result())
+    }
+
+    /// Terms of the reward of the last step, before an autoreset, shape (environments, terms).
+    fn reward_terms<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        self.read(py, |batch| {
+            let terms = batch.step.reward_terms.as_flattened();
+            let columns = simulation::REWARD_TERMS.len();
+            PyArray1::from_slice(py, terms).reshape([self.environments, columns])
+        })?
+    }
+
+    /// Environments that have ended and wait for a reset, or had none yet.
+    fn has_ended<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<bool>>> {
+        self.read(py, |batch| {
+            let ended = (0..self.environments).map(|index| batch.world.has_ended(index));
+            PyArray1::from_iter(py, ended)
+        })
+    }
+
+    /// Agents by name of the quantity.
+    fn states<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        let batch = self.lock(py)?;
+        arrays::states(py, &open(&batch)?.world)
+    }
+
+    /// Poses `world_from_camera` of all environments in their sectors, shape (environments, 4, 4),
+    /// and the sectors.
+    fn camera_poses<'py>(&self, py: Python<'py>) -> PyResult<Poses<'py>> {
+        let poses: Vec<_> = self.read(py, |batch| {
+            (0..self.environments)
+                .map(|index| batch.world.world_from_camera(index))
+                .collect()
+        })?;
+        poses_and_sectors(py, &poses)
+    }
+
+    /// The same of the environments that ended in the last step and were reset in it, at the end.
+    fn final_camera_poses<'py>(&self, py: Python<'py>) -> PyResult<Poses<'py>> {
+        self.read(py, |batch| {
+            let ended = batch.ended.as_ref();
+            poses_and_sectors(py, ended.map_or(&[], |ended| &ended.cameras))
+        })?
+    }
+
+    /// Seed and episode of each environment: what noise of images is drawn with.
+    fn random_keys<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<u64>>> {
+        self.read(py, |batch| {
+            let keys = (0..self.environments).map(|index| batch.world.random_key(index));
+            let keys = keys.flat_map(|(seed, episode)| [seed, episode]).collect();
+            PyArray1::from_vec(py, keys).reshape([self.environments, 2])
+        })?
+    }
+
+    /// Puts an agent somewhere, as physics outside of this world does: position, m, and yaw,
+    /// pitch, roll, rad.
+    #[pyo3(signature = (environment, sector, position_m, angles_rad, velocity, level=0))]
+    #[expect(clippy::too_many_arguments, reason = "a state is its parts in Python")]
+    fn place(
+        &self,
+        py: Python<'_>,
+        environment: usize,
+        sector: usize,
+        position_m: [f64; 3],
+        angles_rad: [f64; 3],
+        velocity: [f64; 3],
+        level: usize,
+    ) -> PyResult<()> {
+        self.owner.check("the world")?;
+        let [yaw_rad, pitch_rad, roll_rad] = angles_rad;
+        let state = AgentState {
+            position_m,
+            yaw_rad,
+            pitch_rad,
+            roll_rad,
+            velocity,
+            level,
+            is_on_ground: true,
+        };
+        self.work(py, false, move |batch| {
+            batch.world.place(environment, sector, &state)
+        })
+    }
+
+    /// A snapshot of an environment, at most 4 KB.
+    fn save<'py>(
+        &self,
+        py: Python<'py>,
+        environment: usize,
+        attachment: &[u8],
+    ) -> PyResult<Bound<'py, PyBytes>> {
+        let saved = self.read(py, |batch| batch.world.save(environment, attachment))?;
+        Ok(PyBytes::new(py, &saved.map_err(|error| exception(&error))?))
+    }
+
+    /// Restores an environment from a snapshot, and returns the attachment.
+    fn restore<'py>(
+        &self,
+        py: Python<'py>,
+        environment: usize,
+        snapshot: Vec<u8>,
+    ) -> PyResult<Bound<'py, PyBytes>> {
+        self.owner.check("the world")?;
+        let attachment = self.work(py, true, move |batch| {
+            let attachment = batch.world.restore(environment, &snapshot)?.to_vec();
+            batch.restored(environment);
+            Ok(attachment)
+        })?;
+        Ok(PyBytes::new(py, &attachment))
+    }
+
+    /// Gives the memory back. Every later call but this one is an error.
+    fn close(&self, py: Python<'_>) {
+        py.detach(|| *locked(&self.batch) = None);
+        *self.buffers.lock().unwrap_or_else(PoisonError::into_inner) = None;
+    }
+}
+
+impl PyWorld {
+    /// Waits for work that goes on, without Python's lock.
+    fn lock(&self, py: Python<'_>) -> PyResult<MutexGuard<'_, Option<Batch>>> {
+        match self.batch.try_lock() {
+            Ok(batch) => return Ok(batch),
+            Err(std::sync::TryLockError::Poisoned(batch)) => return Ok(batch.into_inner()),
+            Err(std::sync::TryLockError::WouldBlock) => {}
+        }
+        // Only work that a signal left in the background, or another thread, has it.
+        loop {
+            py.check_signals()?;
+            py.detach(|| std::thread::sleep(std::time::Duration::from_millis(5)));
+            match self.batch.try_lock() {
+                Ok(batch) => return Ok(batch),
+                Err(std::sync::TryLockError::Poisoned(batch)) => return Ok(batch.into_inner()),
+                Err(std::sync::TryLockError::WouldBlock) => {}
+            }
+        }
+    }
+
+    fn read<T>(&self, py: Python<'_>, read: impl FnOnce(&Batch) -> T) -> PyResult<T> {
+        let batch = self.lock(py)?;
+        Ok(read(open(&batch)?))
+    }
+
+    fn work<T: Send + 'static>(
+        &self,
+        py: Python<'_>,
+        is_long: bool,
+        work: impl FnOnce(&mut Batch) -> Result<T, simulation::SimulationError> + Send + 'static,
+    ) -> PyResult<T> {
+        let batch = self.batch.clone();
+        let work = move || locked(&batch).as_mut().map(work);
+        let done = match is_long {
+            true => pool::run_long(py, move |_| work())?,
+            false => pool::run(py, work)?,
+        };
+        done.ok_or_else(closed)?.map_err(|error| exception(&error))
+    }
+
+    fn observations_of<'py>(
+        &self,
+        py: Python<'py>,
+        batch: &Batch,
+    ) -> PyResult<Bound<'py, PyArray2<f32>>> {
+        let values = batch.world.observations();
+        let mut buffers = self.buffers.lock().unwrap_or_else(PoisonError::into_inner);
+        let Some([next, other]) = &mut *buffers else {
+            return PyArray1::from_slice(py, values)
+                .reshape([self.environments, batch.observation_len()]);
+        };
+        std::mem::swap(next, other);
+        let array = other.bind(py).clone();
+        let mut into = array.try_readwrite().map_err(|error| {
+            StateError::new_err(format!("the array of observations is in use: {error}"))
+        })?;
+        into.as_slice_mut()?.copy_from_slice(values);
+        drop(into);
+        Ok(array)
+    }
+}
+
+fn poses_and_sectors<'py>(
+    py: Python<'py>,
+    poses: &[(usize, RigidTransform)],
+) -> PyResult<Poses<'py>> {
+    let sectors = poses.iter().map(|(sector, _)| *sector as i64).collect();
+    let matrices = matrices(py, poses.iter().map(|(_, pose)| pose))?;
+    Ok((matrices, PyArray1::from_vec(py, sectors)))
+}
+
+fn locked(batch: &Mutex<Option<Batch>>) -> MutexGuard<'_, Option<Batch>> {
+    batch.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+fn open(batch: &Option<Batch>) -> PyResult<&Batch> {
+    batch.as_ref().ok_or_else(closed)
+}
+
+fn closed() -> PyErr {
+    StateError::new_err("the world is closed")
+}

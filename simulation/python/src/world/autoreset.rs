@@ -1,0 +1,159 @@
+//! When environments that ended are reset, as Gymnasium's vector environments name it.
+
+use cad_transforms::RigidTransform;
+use pyo3::PyResult;
+use simulation::{REWARD_TERMS, SimulationError, StepResult, World};
+
+use crate::error::SettingError;
+
+/// When an environment that ended begins its next episode.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Autoreset {
+    /// In the next step, which ignores its action.
+    NextStep,
+    /// In the step of the end.
+    SameStep,
+    /// When the caller resets it.
+    Disabled,
+}
+
+impl Autoreset {
+    pub(crate) fn from_code(code: u8) -> PyResult<Self> {
+        match code {
+            0 => Ok(Self::NextStep),
+            1 => Ok(Self::SameStep),
+            2 => Ok(Self::Disabled),
+            _ => Err(SettingError::new_err(format!(
+                "autoreset: found {code}, expected 0, 1 or 2"
+            ))),
+        }
+    }
+}
+
+/// A world with the results of its last step, which an autoreset does not overwrite.
+pub(crate) struct Batch {
+    pub(crate) world: World,
+    pub(crate) step: Step,
+    pub(crate) ended: Option<Ended>,
+    has_ended: Vec<bool>,
+    /// Whether there was a reset; the world refuses steps before it.
+    has_begun: bool,
+}
+
+/// Results of the last step.
+#[derive(Default)]
+pub(crate) struct Step {
+    pub(crate) rewards: Vec<f64>,
+    pub(crate) reward_terms: Vec<[f64; REWARD_TERMS.len()]>,
+    pub(crate) terminated: Vec<bool>,
+    pub(crate) truncated: Vec<bool>,
+}
+
+/// Environments before their reset in the step of the end.
+pub(crate) struct Ended {
+    pub(crate) mask: Vec<bool>,
+    /// Observations of all environments.
+    pub(crate) observations: Vec<f32>,
+    pub(crate) result: StepResult,
+    /// Sectors and poses of the cameras of those that ended.
+    pub(crate) cameras: Vec<(usize, RigidTransform)>,
+}
+
+impl Batch {
+    pub(crate) fn new(world: World) -> Self {
+        let count = world.environments();
+        Self {
+            world,
+            step: Step {
+                rewards: vec![0.0; count],
+                reward_terms: vec![[0.0; REWARD_TERMS.len()]; count],
+                terminated: vec![false; count],
+                truncated: vec![false; count],
+            },
+            ended: None,
+            has_ended: vec![false; count],
+            has_begun: false,
+        }
+    }
+
+    /// Begins episodes.
+    pub(crate) fn reset(
+        &mut self,
+        mask: Option<&[bool]>,
+        seeds: Option<&[u64]>,
+    ) -> Result<(), SimulationError> {
+        self.world.reset(mask, seeds)?;
+        self.has_begun = true;
+        Ok(())
+    }
+
+    pub(crate) fn observation_len(&self) -> usize {
+        self.world.observation_bounds().0.len()
+    }
+
+    /// Advances all environments. If an autoreset finds no start, the environments have moved and
+    /// those that ended wait; the next step tries their reset again.
+    pub(crate) fn step(
+        &mut self,
+        actions: &[f64],
+        autoreset: Autoreset,
+    ) -> Result<(), SimulationError> {
+        self.ended = None;
+        for (index, has_ended) in self.has_ended.iter_mut().enumerate() {
+            *has_ended = self.world.has_ended(index);
+        }
+        let first_ended = match self.has_begun {
+            true => self.has_ended.iter().position(|ended| *ended),
+            false => None,
+        };
+        if let (Autoreset::Disabled, Some(index)) = (autoreset, first_ended) {
+            return Err(SimulationError::State(format!(
+                "environment {index} has ended and was not reset: \
+                 reset(options={{\"reset_mask\": mask}})"
+            )));
+        }
+        let result = self.world.step(actions)?;
+        self.step.rewards.copy_from_slice(&result.rewards);
+        self.step.reward_terms.copy_from_slice(&result.reward_terms);
+        self.step.terminated.copy_from_slice(&result.terminated);
+        self.step.truncated.copy_from_slice(&result.truncated);
+        match autoreset {
+            Autoreset::Disabled => Ok(()),
+            Autoreset::NextStep => match first_ended {
+                None => Ok(()),
+                Some(_) => self.world.reset(Some(&self.has_ended), None),
+            },
+            Autoreset::SameStep => self.reset_in_same_step(),
+        }
+    }
+
+    fn reset_in_same_step(&mut self) -> Result<(), SimulationError> {
+        let mask: Vec<bool> = (0..self.world.environments())
+            .map(|index| self.world.has_ended(index))
+            .collect();
+        if !mask.contains(&true) {
+            return Ok(());
+        }
+        let ended = Ended {
+            observations: self.world.observations().to_vec(),
+            result: self.world.result().clone(),
+            cameras: (0..mask.len())
+                .filter(|index| mask[*index])
+                .map(|index| self.world.world_from_camera(index))
+                .collect(),
+            mask,
+        };
+        self.world.reset(Some(&ended.mask), None)?;
+        self.ended = Some(ended);
+        Ok(())
+    }
+
+    /// An environment was restored: it has no reward and no flag.
+    pub(crate) fn restored(&mut self, environment: usize) {
+        self.has_begun = true;
+        self.step.rewards[environment] = 0.0;
+        self.step.reward_terms[environment] = [0.0; REWARD_TERMS.len()];
+        self.step.terminated[environment] = false;
+        self.step.truncated[environment] = false;
+    }
+}

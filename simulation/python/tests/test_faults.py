@@ -1,0 +1,298 @@
+"""Every fault gives the error that names it, and the environment goes on."""
+
+import json
+import os
+import signal
+import tempfile
+import threading
+import time
+import unittest
+import warnings
+
+import numpy as np
+import paws_sim
+from paws_sim import _core
+
+ROOM = paws_sim.open_scene("synthetic:room")
+SHORT = {"end": {"time_limit_s": 1.5}, "task": {"goals": 4}}
+
+
+class Usable(unittest.TestCase):
+    def setUp(self):
+        self.vector = paws_sim.make_vec(ROOM, 3, config=SHORT)
+        self.vector.reset(seed=0)
+
+    def refused(self, error, pattern, call):
+        """`call` is refused and changes no environment."""
+        before = [self.vector.save(index) for index in range(3)]
+        with self.assertRaisesRegex(error, pattern):
+            call()
+        self.assertEqual([self.vector.save(index) for index in range(3)], before)
+        self.vector.step(np.zeros((3, 2)))
+
+    def test_actions(self):
+        for value in (np.nan, np.inf, -np.inf):
+            actions = np.zeros((3, 2))
+            actions[1, 1] = value
+            self.refused(
+                paws_sim.ActionError,
+                "environment 1: found .* as component 1",
+                lambda actions=actions: self.vector.step(actions),
+            )
+        for wrong in (np.zeros((2, 2)), np.zeros(6), np.zeros((3, 3)), "left", None):
+            self.refused(ValueError, "actions", lambda wrong=wrong: self.vector.step(wrong))
+        self.assertTrue(issubclass(paws_sim.ActionError, ValueError))
+
+    def test_other_layouts_and_types_of_actions_are_copied(self):
+        actions = np.linspace(-1, 1, 6).reshape(3, 2)
+        other = paws_sim.make_vec(ROOM, 3, config=SHORT)
+        other.reset(seed=0)
+        expected = other.step(actions)[0]
+        strided = np.zeros((6, 4))
+        strided[::2, ::2] = actions
+        for same in (strided[::2, ::2], np.asfortranarray(actions), actions.tolist()):
+            self.vector.reset(seed=0)
+            np.testing.assert_array_equal(self.vector.step(same)[0], expected)
+
+    def test_actions_beyond_the_box_are_clipped_and_counted(self):
+        _, _, _, _, info = self.vector.step(np.array([[2.0, 0.0], [0.0, 0.0], [-3.0, 1.5]]))
+        self.assertEqual(info["clipped"].tolist(), [1, 0, 2])
+
+    def test_discrete_actions(self):
+        vector = paws_sim.make_vec(ROOM, 2, config=SHORT, actions="discrete")
+        vector.reset(seed=0)
+        for wrong in (np.array([0, 4]), np.array([0, -1]), np.array([0.5, 1.0])):
+            with self.assertRaises(paws_sim.ActionError):
+                vector.step(wrong)
+        vector.step(np.array([0, 3]))
+
+    def test_calls_out_of_order(self):
+        with self.assertRaisesRegex(paws_sim.StateError, "before the first reset"):
+            paws_sim.make(ROOM, config=SHORT).step(np.zeros(2))
+        env = paws_sim.make(ROOM, config=SHORT)
+        env.reset(seed=0)
+        while True:
+            _, _, terminated, truncated, _ = env.step(np.zeros(2))
+            if terminated or truncated:
+                break
+        with self.assertRaisesRegex(paws_sim.StateError, "has ended and was not reset"):
+            env.step(np.zeros(2))
+        env.reset()
+        env.step(np.zeros(2))
+        env.close()
+        env.close()
+        for call in (env.reset, lambda: env.step(np.zeros(2)), env.save):
+            with self.assertRaisesRegex(paws_sim.StateError, "closed"):
+                call()
+
+    def test_settings(self):
+        for arguments, pattern in (
+            ({"config": {"dt_s": -1.0}}, "dt_s"),
+            ({"config": {"agent": {"radius": 1.0}}}, "radius"),
+            ({"config": {"end": {"time_limit_s": "long"}}}, "time_limit_s|string"),
+            ({"task": "fly"}, "task"),
+            ({"observation": "smell"}, "observation"),
+            ({"actions": np.zeros((2, 5))}, "actions"),
+            ({"render_mode": "human"}, "render_mode"),
+        ):
+            with self.subTest(pattern), self.assertRaisesRegex(paws_sim.SettingError, pattern):
+                paws_sim.make(ROOM, **arguments)
+        with self.assertRaisesRegex(paws_sim.SettingError, "synthetic"):
+            paws_sim.open_scene("synthetic:moon")
+
+    def test_scenes(self):
+        with tempfile.TemporaryDirectory() as folder:
+            for wrong in (folder, os.path.join(folder, "absent.scene")):
+                with self.assertRaises(paws_sim.SceneError):
+                    paws_sim.open_scene(wrong)
+
+    def test_no_start(self):
+        config = {**SHORT, "start": {"min_clearance_m": 50.0}}
+        env = paws_sim.make(ROOM, task="velocity", config=config)
+        with self.assertRaises(paws_sim.StartError):
+            env.reset(seed=0)
+
+    def test_budgets(self):
+        cameras = paws_sim.Cameras(ROOM)
+        poses = ROOM.reference_poses(0)[:1]
+        with self.assertRaisesRegex(MemoryError, "bytes are needed"):
+            cameras.render(np.tile(poses, (4, 1, 1)), 64, 64, max_bytes=1000)
+        with self.assertRaisesRegex(paws_sim.BudgetError, "bytes are needed"):
+            paws_sim.Cameras(ROOM, budget_bytes=10).render(poses)
+        self.assertEqual(cameras.render(poses)["rgb"].shape, (1, 64, 64, 3))
+
+    def test_cameras(self):
+        cameras = paws_sim.Cameras(ROOM)
+        poses = ROOM.reference_poses(0)
+        skewed = poses[:1].copy()
+        skewed[0, 0, 0] = np.nan
+        for wrong, arguments in (
+            (np.zeros((2, 3, 4)), {}),
+            (skewed, {}),
+            (poses[:1], {"fov": 4.0}),
+            (poses[:1], {"sectors": [7]}),
+            (poses[:1], {"colour": 1}),
+        ):
+            with self.assertRaises(paws_sim.SettingError):
+                cameras.render(wrong, **arguments)
+        one = cameras.render(poses[2], 48, 32)
+        many = cameras.render(poses[:70], 48, 32)
+        for name, values in one.items():
+            np.testing.assert_array_equal(values[0], many[name][2])
+        self.assertEqual(many["depth"].dtype, np.float32)
+        K = [[24.0, 0.0, 23.5], [0.0, 24.0, 15.5], [0.0, 0.0, 1.0]]
+        by_matrix = cameras.render(poses[2], 48, 32, K=K)
+        np.testing.assert_allclose(by_matrix["depth"], one["depth"], atol=1e-4)
+        cameras.close()
+        cameras.close()
+        with self.assertRaisesRegex(paws_sim.StateError, "closed"):
+            cameras.render(poses[:1])
+
+    def test_snapshots(self):
+        snapshot = self.vector.save(0)
+        for at in range(len(snapshot)):
+            damaged = bytearray(snapshot)
+            damaged[at] ^= 1 << (at % 8)
+            with self.assertRaises(paws_sim.SnapshotError):
+                self.vector.restore(1, bytes(damaged))
+        for length in range(len(snapshot)):
+            with self.assertRaises(paws_sim.SnapshotError):
+                self.vector.restore(1, snapshot[:length])
+        other = paws_sim.make(ROOM, config={**SHORT, "dt_s": 0.2})
+        with self.assertRaises(paws_sim.SnapshotError):
+            other.reset(options={"snapshot": snapshot})
+        stairs = paws_sim.make("synthetic:stairs", config=SHORT)
+        with self.assertRaises(paws_sim.SnapshotError):
+            stairs.restore(snapshot)
+        self.vector.step(np.zeros((3, 2)))
+
+    def test_rewards_of_the_user(self):
+        class Broken(Exception):
+            pass
+
+        def raises(inputs):
+            raise Broken
+
+        for reward, error in (
+            (raises, Broken),
+            (lambda inputs: np.zeros(2), ValueError),
+            (lambda inputs: np.full(3, np.nan), ValueError),
+        ):
+            vector = paws_sim.make_vec(ROOM, 3, config=SHORT, reward=reward)
+            vector.reset(seed=0)
+            for _ in range(2):
+                with self.assertRaises(error):
+                    vector.step(np.zeros((3, 2)))
+        vector = paws_sim.make_vec(
+            ROOM, 3, config=SHORT, reward=lambda inputs: 2.0 * inputs.terms["progress_m"]
+        )
+        plain = paws_sim.make_vec(ROOM, 3, config={**SHORT, "reward": {
+            name: 2.0 if name == "progress" else 0.0
+            for name in json.loads(vector._simulator.world.config)["reward"]
+            if name != "tracking_sigma"
+        }})
+        vector.reset(seed=0), plain.reset(seed=0)
+        for _ in range(40):
+            actions = np.full((3, 2), 0.6)
+            np.testing.assert_allclose(vector.step(actions)[1], plain.step(actions)[1])
+
+    def test_optional_packages(self):
+        import importlib.util
+
+        for package, module in (("stable_baselines3", "sb3"), ("rsl_rl", "rsl_rl")):
+            if importlib.util.find_spec(package) is None:
+                with self.assertRaisesRegex(ImportError, "pip install"):
+                    __import__(f"paws_sim.{module}")
+
+    def test_a_world_does_not_cross_a_fork(self):
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", DeprecationWarning)
+            child = os.fork()
+        if child == 0:
+            code = 1
+            try:
+                self.vector.step(np.zeros((3, 2)))
+            except paws_sim.StateError as error:
+                code = 0 if "fork" in str(error) else 2
+            try:
+                fresh = paws_sim.make_vec(ROOM, 100, config=SHORT)
+                fresh.reset(seed=0)
+                fresh.step(np.zeros((100, 2)))
+            except BaseException:
+                code = 3
+            os._exit(code)
+        _, status = os.waitpid(child, 0)
+        self.assertEqual(os.waitstatus_to_exitcode(status), 0)
+        self.vector.step(np.zeros((3, 2)))
+
+    def test_no_thread_before_the_first_reset(self):
+        code = (
+            "import os, paws_sim\n"
+            "before = len(os.listdir('/proc/self/task'))\n"
+            "scene = paws_sim._core.Scene\n"
+            "vector = paws_sim.make_vec('synthetic:room', 64)\n"
+            "paws_sim.Cameras(vector.scene)\n"
+            "print(len(os.listdir('/proc/self/task')) - before)\n"
+        )
+        import subprocess
+        import sys
+
+        done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+        self.assertEqual(done.stdout.strip(), "0", done.stderr)
+
+    def test_ctrl_c_ends_the_wait(self):
+        cameras = paws_sim.Cameras(ROOM)
+        poses = np.tile(ROOM.reference_poses(0)[:1], (400, 1, 1))
+        cameras.render(poses[:1], 256, 256)
+        sent = []
+
+        def interrupt():
+            time.sleep(0.2)
+            sent.append(time.perf_counter())
+            os.kill(os.getpid(), signal.SIGINT)
+
+        thread = threading.Thread(target=interrupt)
+        thread.start()
+        with self.assertRaises(KeyboardInterrupt):
+            cameras.render(poses, 512, 512, quality="exact")
+            time.sleep(60)
+        waited = time.perf_counter() - sent[0]
+        thread.join()
+        print(f"Ctrl-C answered after {1e3 * waited:.0f} ms")
+        self.assertEqual(cameras.render(poses[:1], 16, 16)["rgb"].shape, (1, 16, 16, 3))
+
+
+class Module(unittest.TestCase):
+    def test_stubs_name_what_is_there(self):
+        import ast
+        import pathlib
+
+        text = pathlib.Path(_core.__file__).with_name("_core.pyi").read_text()
+        stubs = ast.parse(text).body
+        classes = [node for node in stubs if isinstance(node, ast.ClassDef)]
+        functions = [node for node in stubs if isinstance(node, ast.FunctionDef)]
+        public = {name for name in vars(_core) if not name.startswith("_")}
+        named = {node.name for node in (*classes, *functions)} | {"REWARD_TERMS"}
+        self.assertEqual(named, public)
+        for node in classes:
+            if issubclass(getattr(_core, node.name), BaseException):
+                continue
+            members = {of.name for of in node.body if isinstance(of, ast.FunctionDef)}
+            found = {name for name in vars(getattr(_core, node.name)) if not name.startswith("_")}
+            self.assertEqual(members - {"__init__"}, found, node.name)
+
+    def test_threads_change_no_bit(self):
+        results = []
+        for threads in (1, 2, 4):
+            _core.set_threads(threads)
+            vector = paws_sim.make_vec(ROOM, 200, config=SHORT)
+            vector.reset(seed=0)
+            for _ in range(25):
+                step = vector.step(np.full((200, 2), 0.8))
+            results.append((step[0].tobytes(), step[1].tobytes()))
+        _core.set_threads(0)
+        self.assertEqual(len(set(results)), 1)
+
+
+if __name__ == "__main__":
+    unittest.main()
