@@ -12,8 +12,10 @@ fn steps_allocate_nothing() {
     let scene = SyntheticScene::room().unwrap().scene;
     for task in [Task::PointGoal, Task::FollowPath, Task::Velocity] {
         // So few environments that all are advanced by this thread.
-        let mut config = WorldConfig::default();
-        config.environments = 16;
+        let mut config = WorldConfig {
+            environments: 16,
+            ..WorldConfig::default()
+        };
         config.task.task = task;
         config.task.goals = 2;
         let mut world = World::new(scene.clone(), config).unwrap();
