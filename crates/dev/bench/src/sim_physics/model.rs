@@ -229,15 +229,31 @@ mod tests {
         cells.iter().flat_map(of).collect()
     }
 
+    /// Area seen from above.
+    fn area(polygons: &[Vec<Vector3<f64>>]) -> f64 {
+        let of = |own: &Vec<Vector3<f64>>| {
+            let fan = own.windows(2).skip(1);
+            let doubled = fan.map(|pair| (pair[0] - own[0]).cross(&(pair[1] - own[0])).z);
+            0.5 * doubled.sum::<f64>()
+        };
+        polygons.iter().map(of).sum()
+    }
+
     #[test]
-    fn coplanar_triangles_become_one_convex_polygon() {
-        let all = joined(squares(&[[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]]));
-        assert_eq!(all.len(), 1);
-        assert!(is_convex(&all[0]));
-        // An L is not convex.
-        let corner = joined(squares(&[[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]));
-        assert_eq!(corner.len(), 2);
-        assert!(corner.iter().all(|own| is_convex(own)));
+    fn coplanar_triangles_become_fewer_convex_polygons_of_the_same_area() {
+        let square = squares(&[[0.0, 0.0]]);
+        assert_eq!(joined(square).len(), 1);
+        for cells in [
+            &[[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]][..],
+            // An L is not convex.
+            &[[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]],
+        ] {
+            let all = joined(squares(cells));
+            assert!(all.len() > usize::from(cells.len() == 3));
+            assert!(all.len() <= cells.len(), "{}", all.len());
+            assert!(all.iter().all(|own| is_convex(own)));
+            assert!((area(&all) - cells.len() as f64).abs() < 1e-12);
+        }
     }
 
     #[test]
