@@ -3,7 +3,7 @@
 mod arrays;
 mod autoreset;
 
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError, TryLockError};
 
 use cad_transforms::RigidTransform;
 use numpy::{
@@ -298,20 +298,15 @@ impl PyWorld {
 impl PyWorld {
     /// Waits for work that goes on, without Python's lock.
     fn lock(&self, py: Python<'_>) -> PyResult<MutexGuard<'_, Option<Batch>>> {
-        match self.batch.try_lock() {
-            Ok(batch) => return Ok(batch),
-            Err(std::sync::TryLockError::Poisoned(batch)) => return Ok(batch.into_inner()),
-            Err(std::sync::TryLockError::WouldBlock) => {}
-        }
-        // Only work that a signal left in the background, or another thread, has it.
         loop {
-            py.check_signals()?;
-            py.detach(|| std::thread::sleep(std::time::Duration::from_millis(5)));
             match self.batch.try_lock() {
                 Ok(batch) => return Ok(batch),
-                Err(std::sync::TryLockError::Poisoned(batch)) => return Ok(batch.into_inner()),
-                Err(std::sync::TryLockError::WouldBlock) => {}
+                Err(TryLockError::Poisoned(batch)) => return Ok(batch.into_inner()),
+                Err(TryLockError::WouldBlock) => {}
             }
+            // Only work that a signal left in the background, or another thread, has it.
+            let batch = self.batch.clone();
+            pool::run_apart(py, move |_| drop(locked(&batch)))?;
         }
     }
 
@@ -326,6 +321,7 @@ impl PyWorld {
         is_long: bool,
         work: impl FnOnce(&mut Batch) -> Result<T, simulation::SimulationError> + Send + 'static,
     ) -> PyResult<T> {
+        drop(self.lock(py)?);
         let batch = self.batch.clone();
         let work = move || locked(&batch).as_mut().map(work);
         let done = match is_long {
