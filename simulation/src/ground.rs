@@ -2,9 +2,9 @@
 //!
 //! Contract: everything comes from output `maps`. Heights are blended only within one continuous
 //! surface, never over the edge of a step. Where no view saw the ground there is no height, and
-//! unknown is not free, but for small holes: enclosed by free ground on one plane, see
-//! [`AgentConfig::max_hole_m2`]. What blocks an agent depends on its size: obstacles, walls above its step
-//! and ceilings keep its center a radius away.
+//! unknown is not free, but for small holes that free ground on one plane encloses, see
+//! [`AgentConfig::max_hole_m2`]. What blocks an agent depends on its size: obstacles, walls above
+//! its step and ceilings keep its center a radius away.
 
 mod block;
 mod components;

@@ -19,6 +19,7 @@ use terrain::FusionConfig;
 mod charts;
 mod course;
 mod model;
+mod values;
 
 use crate::terrain::keyframes::{Source, depth_frames, keyframes};
 use crate::terrain::parts;
@@ -36,8 +37,6 @@ const QUICK_SEEDS: usize = 3;
 /// Numbers of steps, and their heights, cm. A flight is as long as that of the stairs.
 const STEPS_CM: [(usize, &[u32]); 2] = [(1, &[17, 20, 23]), (FLIGHT, &[6, 8, 10, 12, 14])];
 const FLIGHT: usize = 11;
-/// Farthest contact from the true surface, mm.
-pub(super) const CONTACT_GOAL_MM: f64 = 10.0;
 const SCRIPT: &str = "sim_physics/walk.py";
 
 /// Runs the benchmark: `[--quick] [--only PART,...] [--out DIR]`.
@@ -208,10 +207,6 @@ fn contact_errors(found: &Value, truth: &Truth<'_>) -> Value {
         "distance": Quantiles::of(distances.iter().copied()),
         "share_within_goal": within.count() as f64 / distances.len().max(1) as f64,
     })
-}
-
-fn entries(value: &Value) -> &[Value] {
-    value.as_array().map_or(&[], Vec::as_slice)
 }
 
 /// Where models of a walk are.

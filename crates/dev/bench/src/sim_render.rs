@@ -3,7 +3,7 @@
 //!
 //! 1. `sizes`: PAWS-Sim's table: 64 to 1024 px and 1280x720, colors and depth, over the size of a
 //!    batch. Poses are recorded ones with offsets up to 3 m and 30 degrees; views with more than
-//!    half sky or a surface nearer than 0.5 m are drawn again. An image is 8 bits per channel, depth
+//!    half sky or a surface nearer than 0.5 m are drawn again. Images are 8 bits per channel, depth
 //!    in f32 and a mask, in memory of the caller: what a copy to Python would start from.
 //! 2. `episode`: Beogym's: 1280x720 on one thread, 200 steps of an agent on the ground with motion
 //!    and look-ups in the map.
@@ -14,19 +14,18 @@
 
 use std::fs;
 use std::path::PathBuf;
-use std::sync::Arc;
 
 use anyhow::{Context, Result, bail, ensure};
 use serde_json::{Map, Value, json};
-use simulation::{GaussianStore, ResidencyConfig, SceneData, SectorGaussians};
-use splats::{RenderConfig, Renderer};
 
 mod charts;
 mod episode;
+mod opened_scene;
 mod sizes;
 mod support;
 
 use crate::{arguments, stamp};
+use opened_scene::OpenedScene;
 
 const PARTS: [&str; 3] = ["sizes", "episode", "support"];
 const DEMO: &str = "target/demo/walk.scene";
@@ -41,7 +40,7 @@ pub(crate) fn run(args: &[String]) -> Result<()> {
     fs::create_dir_all(&options.out)
         .with_context(|| format!("making {}", options.out.display()))?;
     let stamp = stamp::stamp("sim_render", args)?;
-    let scene = Opened::new(&options)?;
+    let scene = OpenedScene::new(&options.scene)?;
     let path = options.out.join("sim_render.json");
     let mut report = match fs::read_to_string(&path) {
         Ok(text) => {
@@ -67,44 +66,6 @@ pub(crate) fn run(args: &[String]) -> Result<()> {
         fs::write(&path, svg).with_context(|| format!("writing {}", path.display()))?;
     }
     Ok(())
-}
-
-/// A scene with its first sector in memory.
-struct Opened {
-    scene: Arc<SceneData>,
-    store: Arc<GaussianStore>,
-    content: Arc<SectorGaussians>,
-    /// For the exact images.
-    renderer: Renderer,
-}
-
-impl Opened {
-    fn new(options: &Options) -> Result<Self> {
-        let path = &options.scene;
-        let scene = Arc::new(SceneData::open(path)?);
-        for missing in scene.missing() {
-            println!("  without {}: {}", missing.output, missing.features);
-        }
-        let store = GaussianStore::new(scene.clone(), ResidencyConfig::default());
-        let content = store.content(0)?;
-        let mut config = RenderConfig::default();
-        config.compensate = content.is_compensated;
-        Ok(Self {
-            store: Arc::new(store),
-            renderer: Renderer::new(config)?,
-            scene,
-            content,
-        })
-    }
-
-    fn row(&self) -> Value {
-        json!({
-            "name": self.scene.name,
-            "sectors": self.scene.sectors.len(),
-            "gaussians": self.content.exact.splats.len(),
-            "degree": self.content.exact.splats.degree(),
-        })
-    }
 }
 
 struct Options {

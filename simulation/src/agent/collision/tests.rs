@@ -155,7 +155,7 @@ fn a_wall_of_two_half_steps_is_a_wall() {
         }
         panic!("not blocked");
     };
-    // From below it keeps its radius, since its side would touch; from above its center does not move.
+    // From below it keeps its radius, since its side would touch; from above its center stops.
     let (reason, x) = run(-0.5, 0.0, 0.0);
     assert_eq!(reason, BlockReason::Step);
     assert!(x < 0.5 - config.radius_m + 1.5 * CELL_M && x > 0.5 - config.radius_m - 2.0 * CELL_M);

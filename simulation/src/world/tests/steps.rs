@@ -335,7 +335,7 @@ fn goals_are_carried_over_edges() {
             .collect();
         world.step(&actions).unwrap();
         for (i, (sector, first)) in before.into_iter().enumerate() {
-            // The distance to the goal changes by the way of a step, whatever the frame.
+            // The distance to the goal changes by the length of a step, whatever the frame.
             let change_m = (world.observations()[first] - observed[first]).abs();
             assert!(world.has_ended(i) || change_m < 0.16, "{change_m}");
             crossings += usize::from(world.world_from_camera(i).0 != sector);

@@ -3,7 +3,7 @@
 use charts::{Axis, Chart, Series};
 use serde_json::{Map, Value};
 
-use super::{CONTACT_GOAL_MM, entries};
+use super::values::{CONTACT_GOAL_MM, entries};
 use crate::stamp;
 
 const WIDTH: u32 = 760;

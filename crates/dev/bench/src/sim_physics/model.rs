@@ -75,8 +75,8 @@ pub(super) fn reconstructed(surface: &Surface) -> Collision {
 /// The true ground around a course: its triangles, joined to convex polygons where they are
 /// coplanar, as prisms.
 ///
-/// A height field would not do: with cells smaller than a foot, the edges of its cells give contacts
-/// with normals to all sides, between which feet stick.
+/// A height field would not do: with cells smaller than a foot, the edges of its cells give
+/// contacts with normals to all sides, between which feet stick.
 pub(super) fn truth(truth: &Truth<'_>, course: &Course) -> Collision {
     let near = truth.walkable_triangles().filter(|corners| {
         let [a, b, c] = corners;

@@ -14,7 +14,7 @@ use simulation::{
     Ground, Quality, advance,
 };
 
-use super::Opened;
+use super::opened_scene::OpenedScene;
 use crate::meter::{quantile, timed};
 
 const SIZE: [u32; 2] = [1280, 720];
@@ -32,7 +32,7 @@ const GOALS: usize = 12;
 /// Beogym's published figure, images per second on a GPU that is not named.
 const BEOGYM_FPS: f64 = 110.0;
 
-pub(super) fn measure(scene: &Opened, quick: bool) -> Result<Value> {
+pub(super) fn measure(scene: &OpenedScene, quick: bool) -> Result<Value> {
     let steps = if quick { QUICK_STEPS } else { STEPS };
     let pool = rayon::ThreadPoolBuilder::new().num_threads(1);
     pool.build()?.install(|| {
@@ -51,7 +51,7 @@ pub(super) fn measure(scene: &Opened, quick: bool) -> Result<Value> {
     })
 }
 
-fn episode(scene: &Opened, quality: Quality, steps: usize) -> Result<Value> {
+fn episode(scene: &OpenedScene, quality: Quality, steps: usize) -> Result<Value> {
     let agent = AgentConfig::default();
     let sector = &scene.scene.sectors[0];
     let levels = sector
@@ -121,7 +121,7 @@ fn episode(scene: &Opened, quality: Quality, steps: usize) -> Result<Value> {
 }
 
 /// Points on the ground below the recorded poses, in the order of their times, m.
-fn path(scene: &Opened, ground: &Ground, eye_height_m: f64) -> Vec<[f64; 3]> {
+fn path(scene: &OpenedScene, ground: &Ground, eye_height_m: f64) -> Vec<[f64; 3]> {
     let mut views: Vec<_> = scene.scene.sectors[0].recording.views.iter().collect();
     views.sort_by_key(|view| view.time_ns);
     let points = views.iter().filter_map(|view| {

@@ -9,7 +9,7 @@ use serde_json::{Value, json};
 use simulation::{CameraBatch, CameraConfig, FrameRequest, Frames, Quality};
 use splats::Camera;
 
-use super::Opened;
+use super::opened_scene::OpenedScene;
 use crate::render_speed::PAWS_SIM;
 use crate::render_speed::measure::{self, Speed};
 use crate::render_speed::poses::{camera, reference_poses};
@@ -36,7 +36,7 @@ const QUALITY_PIXELS: usize = 16 << 20;
 const WORST_DB: f64 = 35.0;
 const MEDIAN_DB: f64 = 40.0;
 
-pub(super) fn measure(scene: &Opened, quick: bool) -> Result<Value> {
+pub(super) fn measure(scene: &OpenedScene, quick: bool) -> Result<Value> {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(THREADS);
     pool.build()?.install(|| {
         let sector = &scene.scene.sectors[0];
@@ -61,7 +61,12 @@ pub(super) fn measure(scene: &Opened, quick: bool) -> Result<Value> {
     })
 }
 
-fn of_size(scene: &Opened, size: [u32; 2], poses: &[RigidTransform], quick: bool) -> Result<Value> {
+fn of_size(
+    scene: &OpenedScene,
+    size: [u32; 2],
+    poses: &[RigidTransform],
+    quick: bool,
+) -> Result<Value> {
     let pixels = size[0] as usize * size[1] as usize;
     let mut speeds = Vec::new();
     for batch in BATCHES {
@@ -109,7 +114,7 @@ fn of_size(scene: &Opened, size: [u32; 2], poses: &[RigidTransform], quick: bool
 
 /// Speed of batches with memory of the caller, conversion to 8 bits included.
 fn speed(
-    scene: &Opened,
+    scene: &OpenedScene,
     size: [u32; 2],
     poses: &[RigidTransform],
     batch: usize,

@@ -11,14 +11,14 @@ use anyhow::Result;
 use serde_json::{Value, json};
 use simulation::{Deviation, SupportMap, SupportSample, support_samples};
 
-use super::Opened;
+use super::opened_scene::OpenedScene;
 
 /// Mean absolute error that a prediction may have, dB.
 const GOAL_DB: f64 = 1.5;
 /// Fewest samples that a map is fitted to.
 const MIN_SAMPLES: usize = 8;
 
-pub(super) fn measure(scene: &Opened, out: &Path) -> Result<Value> {
+pub(super) fn measure(scene: &OpenedScene, out: &Path) -> Result<Value> {
     let held_out = support_samples(&scene.scene.sectors[0])?;
     // Neighbors are the two eyes of an instant: groups of them alternate.
     let groups: Vec<Vec<SupportSample>> = held_out.chunks(2).map(<[_]>::to_vec).collect();

@@ -11,7 +11,7 @@ use simulation::{
     advance,
 };
 
-use super::world;
+use super::world::world;
 use crate::meter::thread_cpu_s;
 
 /// Agents and cameras at which calls are made.

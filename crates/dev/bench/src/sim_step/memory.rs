@@ -8,7 +8,7 @@ use serde_json::{Value, json};
 use simulation::SceneData;
 
 use super::throughput::step_and_reset;
-use super::{actions, world};
+use super::world::{actions, world};
 
 const ENVIRONMENTS: usize = 64;
 /// Steps of all environments: calls times environments.

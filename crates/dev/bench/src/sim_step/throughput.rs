@@ -6,7 +6,7 @@ use anyhow::Result;
 use serde_json::{Value, json};
 use simulation::{SceneData, World};
 
-use super::{actions, world};
+use super::world::{actions, world};
 use crate::meter::{Timing, quantile, timed};
 
 const ENVIRONMENTS: [usize; 7] = [1, 4, 16, 64, 256, 1024, 4096];

@@ -5,7 +5,7 @@
 //!
 //! - `/Terrain/Ground` is the simplified mesh: no subdivision, a normal and a linear color per
 //!   vertex. Without the output `collision` it is a static collider of its own triangles.
-//! - `/Terrain/Collision` has static colliders (UsdPhysics) if there is the output `collision`: each
+//! - `/Terrain/Collision` has static colliders (UsdPhysics) with the output `collision`: each
 //!   convex part as a convex hull, each height layer as a mesh of its triangles, with its holes.
 //! - `/Terrain/Cameras` has the left eye of each camera of the rig at its keyframes, if there are
 //!   any; time codes are seconds since the first one.
@@ -13,13 +13,15 @@
 
 mod cameras;
 mod collision;
+mod text;
 
-use std::fmt::{Display, Write};
+use std::fmt::Write;
 use std::path::Path;
 
 use cad_transforms::output::{Existing, write};
 
 use self::cameras::CameraPath;
+use self::text::{array, tuple};
 use super::error::ExportError;
 use super::summary::Summary;
 use super::terrain_mesh::{description, linear_colors, note, simplified};
@@ -119,19 +121,4 @@ fn to_text(mesh: &TerrainMesh, shape: Option<&Collision>, paths: &[CameraPath]) 
          float physics:gravityMagnitude = 9.81\n    }\n}\n",
     );
     text
-}
-
-fn tuple(v: &[f32; 3]) -> String {
-    format!("({}, {}, {})", v[0], v[1], v[2])
-}
-
-/// An attribute with its values and what follows them.
-fn array<T: Display>(text: &mut String, name: &str, values: impl Iterator<Item = T>, end: &str) {
-    // Writing to a string does not fail.
-    let _ = write!(text, "        {name} = [");
-    for (number, value) in values.enumerate() {
-        let comma = if number == 0 { "" } else { ", " };
-        let _ = write!(text, "{comma}{value}");
-    }
-    let _ = writeln!(text, "]{end}");
 }

@@ -2,7 +2,7 @@
 
 use std::fmt::Write;
 
-use super::array;
+use super::text::{self, array};
 use crate::outputs::collision::{Collision, HeightLayer};
 
 /// Adds convex parts and height layers in one scope.
@@ -92,5 +92,5 @@ fn mesh(
 
 /// Of 32 bits, as USD has points.
 fn tuple(v: &[f64; 3]) -> String {
-    super::tuple(&v.map(|v| v as f32))
+    text::tuple(&v.map(|v| v as f32))
 }
