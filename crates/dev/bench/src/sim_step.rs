@@ -3,7 +3,7 @@
 //! A step has everything that a learner needs: motion with collisions, height and tilt of the
 //! ground, deviation of the camera from recorded ones, reward, ends and the state observation with
 //! its scan of heights and its rays. Environments that end are reset; episodes are at most 50
-//! steps, so that at least 2 % of the steps are resets. Actions are random.
+//! steps. The share of resets is reported. Actions are random.
 //!
 //! 1. `throughput`: over 1 to 4096 environments and 1 and 2 threads, with latency of a call.
 //! 2. `memory`: resident memory, files and threads over 10^6 steps with changes of sectors.

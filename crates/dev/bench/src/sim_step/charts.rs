@@ -17,7 +17,7 @@ pub(super) fn throughput(report: &Value) -> Option<String> {
     let scenes = report["throughput"].as_array()?;
     let chart = Chart::new("Steps per second without images")
         .subtitle(
-            "Motion, collisions, observation, reward, at least 2 % resets; two threads by \
+            "Motion, collisions, observation, reward, resets; two threads by \
              processor time",
         )
         .x_axis(Axis::log("environments", ""))
