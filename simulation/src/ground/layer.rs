@@ -21,8 +21,6 @@ pub(super) const NO_COMPONENT: u32 = u32::MAX;
 struct Cell {
     /// Slopes of the plane through the cell along x and y.
     slope: [f32; 2],
-    /// Signed distance to edges, obstacles and unknown cells, m.
-    distance_m: f32,
     component: u32,
     state: State,
     /// Why the agent's center cannot be here.
@@ -46,6 +44,9 @@ pub(crate) struct Layer {
     per_m: f64,
     /// Heights, m; NaN where there is none. By themselves: a look-up reads five numbers.
     heights_m: Vec<f32>,
+    /// Distances to edges, obstacles and unknown cells, m; 0 in those. By themselves: rays read
+    /// nothing else.
+    distances_m: Vec<f32>,
     /// Whether heights are blended between the cell and those right, above and diagonal of it.
     is_blended: Vec<bool>,
     cells: Vec<Cell>,
@@ -69,14 +70,8 @@ impl Layer {
                 true => [-x / z, -y / z],
                 false => [0.0; 2],
             };
-            let distance_m = level.distance[index];
             Cell {
                 slope,
-                distance_m: if distance_m.is_nan() {
-                    0.0
-                } else {
-                    distance_m.max(0.0)
-                },
                 component: NO_COMPONENT,
                 state,
                 block: None,
@@ -91,6 +86,8 @@ impl Layer {
             corner_m: grid.corner_m(),
             per_m: 1.0 / grid.cell_m,
             heights_m: (0..grid.cells()).map(height_m).collect(),
+            // The larger of a number and NaN is the number.
+            distances_m: level.distance.iter().map(|m| m.max(0.0)).collect(),
             is_blended: Vec::new(),
             cells: (0..grid.cells()).map(cell).collect(),
             sigma_m: level.sigma.clone(),
@@ -252,9 +249,9 @@ impl Layer {
         }
     }
 
-    pub(super) fn clearance_m(&self, at_m: [f64; 2]) -> f64 {
+    pub(crate) fn clearance_m(&self, at_m: [f64; 2]) -> f64 {
         let index = self.index(at_m);
-        index.map_or(0.0, |index| f64::from(self.cells[index].distance_m))
+        index.map_or(0.0, |index| f64::from(self.distances_m[index]))
     }
 
     pub(super) fn component(&self, at_m: [f64; 2]) -> Option<u32> {

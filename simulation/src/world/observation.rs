@@ -142,11 +142,12 @@ impl Layout {
     /// Length of a ray up to where the ground has no clearance: sphere tracing of the distance to
     /// edges, obstacles and unknown cells.
     fn ray_m(&self, ground: &Ground, from: [f64; 2], level: usize, direction: [f64; 2]) -> f64 {
-        let least_step_m = ground.levels()[level].grid.cell_m;
+        let layer = &ground.layers()[level];
+        let least_step_m = layer.grid().cell_m;
         let mut length_m = 0.0;
         for _ in 0..MAX_RAY_POINTS {
             let at = [0, 1].map(|k| from[k] + length_m * direction[k]);
-            let clearance_m = ground.clearance_m(at, level);
+            let clearance_m = layer.clearance_m(at);
             if clearance_m <= 0.0 && length_m >= RAY_BEGIN_M {
                 break;
             }
