@@ -28,6 +28,7 @@ use crate::terrain::surface::{Surface, surface};
 use crate::terrain::truth::Truth;
 use crate::terrain::walks::WALKS;
 use crate::{arguments, meter, python, stamp};
+use values::{CONTACT_GOAL_MM, entries};
 
 const PARTS: [&str; 3] = ["walks", "steps", "shape"];
 /// Pavement with kerbs, and stairs, of 672x376.
