@@ -5,6 +5,7 @@ use scene_bundle::outputs::grid::Grid;
 use scene_bundle::outputs::maps::{FREE, KNOWN, MapLevel, OCCUPIED};
 
 use super::*;
+use crate::ground::BlockReason;
 use crate::testing::SyntheticScene;
 
 pub(super) const CELL_M: f64 = 0.05;

@@ -46,7 +46,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode> {
                 jpeg_base64: base64(&walk.image()?),
                 map_px: walk.map_px(),
                 heading_rad: walk.state().yaw_rad,
-                caption: walk.caption(),
+                caption: walk.caption()?,
             });
         }
         let before = walk.collisions();

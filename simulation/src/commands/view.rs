@@ -52,7 +52,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode> {
             map_px: walk.map_px(),
             heading_rad: walk.state().yaw_rad,
             goal_px: walk.goal_px().filter(|_| control.autopilot),
-            caption: walk.caption(),
+            caption: walk.caption()?,
             is_start: std::mem::take(&mut is_start),
             step_s: walk.step_s(),
         };

@@ -5,13 +5,17 @@ use std::sync::Arc;
 
 use anyhow::{Context, Result, bail};
 use jpeg_encoder::{ColorType, Encoder};
+use scene_bundle::outputs::{self, SPLATS};
 use simulation::{
     AgentState, CameraBatch, CameraConfig, FrameRequest, Frames, GaussianStore, Guide, MapImage,
-    ResidencyConfig, SceneData, Task, World, WorldConfig,
+    ObservedScene, ResidencyConfig, SceneData, Task, World, WorldConfig,
 };
+use splats::{Camera, RenderConfig, Renderer};
 
 /// Size of the images, px.
 pub(super) const SIZE: [u32; 2] = [384, 216];
+/// Size of the images by which their confidence is judged, px.
+const JUDGED_SIZE: [u32; 2] = [96, 54];
 /// Field of view from left to right, rad.
 const FIELD_OF_VIEW_RAD: f64 = 1.6;
 /// Quality of the JPEG files, 1 to 100.
@@ -30,6 +34,7 @@ pub(super) struct Walk {
     guides: Vec<Guide>,
     camera: CameraBatch,
     frames: Frames,
+    judge: Option<Judge>,
     pub(super) map: MapImage,
     /// Path length of the episodes before this one, m.
     before_m: f64,
@@ -78,12 +83,17 @@ impl Walk {
             })
             .collect();
         map.path(&path_m);
-        let store = GaussianStore::new(Arc::clone(&scene), ResidencyConfig::default());
+        let store = Arc::new(GaussianStore::new(
+            Arc::clone(&scene),
+            ResidencyConfig::default(),
+        ));
+        let judge = Judge::new(&scene, Arc::clone(&store))?;
         let camera = CameraConfig::pinhole(SIZE, FIELD_OF_VIEW_RAD)?;
         let mut walk = Self {
             world: World::new(scene, config)?,
             guides,
-            camera: CameraBatch::new(Arc::new(store), camera)?,
+            camera: CameraBatch::new(store, camera)?,
+            judge,
             frames: Frames::default(),
             map,
             before_m: 0.0,
@@ -173,7 +183,10 @@ impl Walk {
     }
 
     /// Where it is beside the recording, in a few words.
-    pub(super) fn caption(&self) -> String {
+    ///
+    /// # Errors
+    /// Gaussians that cannot be read.
+    pub(super) fn caption(&self) -> Result<String> {
         let result = self.world.result();
         let mut text = format!("{:.1} m walked", self.path_m());
         if result.deviation_m[0] >= 0.0 {
@@ -183,6 +196,55 @@ impl Walk {
                 result.deviation_rad[0].to_degrees()
             );
         }
-        text
+        if let Some(judge) = &self.judge {
+            text += &judge.quality(&self.world)?;
+        }
+        Ok(text)
+    }
+}
+
+/// Predicts the PSNR of images by what the training saw.
+struct Judge {
+    observed: ObservedScene,
+    store: Arc<GaussianStore>,
+    renderer: Renderer,
+    camera: CameraConfig,
+}
+
+impl Judge {
+    /// `None` for scenes of several sectors, and for those without a record of what was seen.
+    fn new(scene: &SceneData, store: Arc<GaussianStore>) -> Result<Option<Self>> {
+        let [sector] = scene.sectors.as_slice() else {
+            return Ok(None);
+        };
+        let (Some(bundle), Some(gaussians)) = (&sector.recording.bundle, &sector.gaussians) else {
+            return Ok(None);
+        };
+        let reader = bundle.output(SPLATS)?;
+        let record = outputs::splats::read(&reader)?;
+        let count: usize = record.sectors.iter().map(|sector| sector.count).sum();
+        if count != gaussians.count() {
+            return Ok(None);
+        }
+        let Some(observed) = ObservedScene::read(&reader, &record)? else {
+            return Ok(None);
+        };
+        let mut config = RenderConfig::default();
+        config.compensate = gaussians.is_compensated();
+        Ok(Some(Self {
+            observed,
+            store,
+            renderer: Renderer::new(config)?,
+            camera: CameraConfig::pinhole(JUDGED_SIZE, FIELD_OF_VIEW_RAD)?,
+        }))
+    }
+
+    /// Predicted quality of what the agent sees.
+    fn quality(&self, world: &World) -> Result<String> {
+        let (sector, world_from_camera) = world.world_from_camera(0);
+        let camera = Camera::new(self.camera.model, world_from_camera.inverse())?;
+        let content = self.store.content(sector)?;
+        let found = (self.observed).confidence(&self.renderer, &content.exact, &camera)?;
+        Ok(format!("; PSNR {:.0} dB predicted", found.psnr_db))
     }
 }

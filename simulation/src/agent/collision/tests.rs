@@ -4,7 +4,8 @@ use counter_random::uniform;
 use scene_bundle::outputs::maps::{MapLevel, OCCUPIED, UNKNOWN};
 
 use crate::agent::tests::{CELL_M, change, flat, ground};
-use crate::agent::{AgentConfig, AgentState, BlockReason, Drive, advance};
+use crate::agent::{AgentConfig, AgentState, Drive, advance};
+use crate::ground::BlockReason;
 use crate::ground::Ground;
 
 /// Without limits of acceleration: each motion has the commanded speeds.
