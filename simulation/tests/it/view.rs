@@ -37,7 +37,7 @@ fn the_page_shows_an_agent_and_drives_it() {
     browser.open(url.trim());
     let agent = "document.getElementById('agent')";
     let walked = "parseFloat(document.getElementById('note').textContent)";
-    browser.until("document.getElementById('camera').naturalWidth === 384");
+    browser.until("document.getElementById('camera')?.naturalWidth === 384");
     // The agent walks to goals by itself.
     browser.until(&format!("{walked} > 0.5"));
     assert_eq!(
