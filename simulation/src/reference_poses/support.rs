@@ -18,8 +18,8 @@ pub struct SupportSample {
 
 /// Predicted PSNR as a function of the deviation from recorded views: a level from which two
 /// piecewise linear losses are subtracted, one of the distance and one of the angle. Neither
-/// decreases, so a view farther away is never predicted to be better. Beyond the last knot the
-/// losses continue with their last slope.
+/// decreases, so a view farther away is never predicted to be better. Beyond the samples a loss
+/// grows in proportion to the distance or angle.
 ///
 /// ```
 /// use simulation::{Deviation, SupportMap, SupportSample};
@@ -54,10 +54,15 @@ struct Loss {
     knots: Vec<f64>,
     /// Slope of each piece, dB per m or rad, not negative.
     slopes: Vec<f64>,
+    /// Greatest value of a sample.
+    longest: f64,
 }
 
 /// Pieces of each loss at most. More follow the noise of a few hundred samples.
 const PIECES: usize = 6;
+/// Least length of a piece, m or rad. Shorter ones would follow the scatter of samples that are
+/// close together.
+const MIN_PIECE: f64 = 0.1;
 /// Samples at least.
 const MIN_SAMPLES: usize = 8;
 /// Rounds of coordinate descent at most.
@@ -114,26 +119,36 @@ impl SupportMap {
 }
 
 impl Loss {
-    /// Knots with equal numbers of samples between them; slopes of 0.
+    /// Knots with equal numbers of samples between them, but for the least length; slopes of 0.
     fn with_knots(values: impl Iterator<Item = f64>) -> Self {
         let mut sorted: Vec<f64> = values.collect();
         sorted.sort_by(f64::total_cmp);
+        let longest = sorted[sorted.len() - 1];
         let mut knots = vec![0.0];
         for piece in 1..PIECES {
             let value = sorted[piece * sorted.len() / PIECES];
             // The last piece has samples beyond its knot.
-            if value > knots[knots.len() - 1] && value < sorted[sorted.len() - 1] {
+            if value >= knots[knots.len() - 1] + MIN_PIECE && value + MIN_PIECE <= longest {
                 knots.push(value);
             }
         }
-        let slopes = vec![0.0; knots.len()];
-        Self { knots, slopes }
+        Self {
+            slopes: vec![0.0; knots.len()],
+            knots,
+            longest,
+        }
     }
 
     fn at(&self, value: f64) -> f64 {
-        (0..self.knots.len())
-            .map(|piece| self.slopes[piece] * self.share(piece, value))
-            .sum()
+        let within = value.min(self.longest);
+        let pieces = 0..self.knots.len();
+        let loss: f64 = pieces
+            .map(|piece| self.slopes[piece] * self.share(piece, within))
+            .sum();
+        match value > within && within > 0.0 {
+            true => loss * value / within,
+            false => loss,
+        }
     }
 
     /// Length of the piece up to a value.
