@@ -223,7 +223,7 @@ fn mirrored_poses_on_level_ground_are_refused() {
     assert!(
         error
             .to_string()
-            .contains("a body that is turned by 180.0 degrees"),
+            .contains("a body that is rotated by 180.0 degrees"),
         "{error}"
     );
     // Positions alone were mirrored, as by a swap of axes.
