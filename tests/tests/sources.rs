@@ -184,7 +184,12 @@ fn reconstruct(session: &Path, scene: &Path) -> Found {
     let outcomes = outcomes.expect("all stages");
     assert_eq!(outcomes.len(), stages::NAMES.len() - 1);
     for outcome in outcomes {
-        let losses = outcome.report.losses;
+        // Poses of one camera without IMU may jump by centimetres, which feet without tags cannot
+        // hide; where depends on the encoder, whose bytes differ between runs.
+        let is_jump = |loss: &&String| outcome.stage == "feet" && loss.contains("jump by about");
+        let losses: Vec<_> = (outcome.report.losses.iter())
+            .filter(|loss| !is_jump(loss))
+            .collect();
         assert!(losses.is_empty(), "{}: {losses:?}", outcome.stage);
     }
     let cloud = bundle.scene().output(outputs::CLOUD).expect("a cloud");
