@@ -19,10 +19,10 @@
 //! the presets on other walks, and prints their tables (`crates/vision/depth/src/sigma/tables.rs`).
 
 use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use anyhow::{Context, Result, bail};
-use serde_json::{Map, Value, json};
+use serde_json::json;
 
 mod bands;
 mod changes;
@@ -37,7 +37,7 @@ pub(crate) mod race;
 mod real;
 mod test_set;
 
-use crate::{arguments, stamp};
+use crate::{arguments, report, stamp};
 use frames::Frame;
 use peers::{Peers, SgbmConfig};
 use race::Race;
@@ -69,7 +69,7 @@ pub(crate) fn run(args: &[String]) -> Result<()> {
     let stamp = stamp::stamp("depth", args)?;
     // Results of other runs are kept.
     let path = options.out.join("depth.json");
-    let mut report = read(&path)?;
+    let mut report = report::read(&path)?;
     let needs = |part: &str| options.parts.iter().any(|p| p == part);
     let places = test_set::held_out(options.quick);
     let held_out = match needs("simulated") || needs("sigma") {
@@ -130,13 +130,9 @@ pub(crate) fn run(args: &[String]) -> Result<()> {
             }
         };
         report.insert(part.clone(), json!({ "stamp": stamp, "found": found }));
-        let text = format!("{:#}\n", Value::Object(report.clone()));
-        fs::write(&path, text).with_context(|| format!("writing {}", path.display()))?;
+        report::write(&path, &report)?;
     }
-    for (name, svg) in charts::draw(&report)? {
-        let path = options.out.join(name);
-        fs::write(&path, svg).with_context(|| format!("writing {}", path.display()))?;
-    }
+    report::write_charts(&options.out, charts::draw(&report)?)?;
     Ok(())
 }
 
@@ -149,14 +145,6 @@ fn motorcycle() -> Result<Option<Frame>> {
             Ok(None)
         }
     }
-}
-
-fn read(path: &Path) -> Result<Map<String, Value>> {
-    if !path.exists() {
-        return Ok(Map::new());
-    }
-    let text = fs::read_to_string(path).with_context(|| format!("reading {}", path.display()))?;
-    serde_json::from_str(&text).with_context(|| format!("reading {}", path.display()))
 }
 
 struct Options {

@@ -30,6 +30,7 @@ mod python;
 mod recording;
 mod rectify;
 mod render_speed;
+mod report;
 mod sim;
 mod sim_images;
 mod sim_learn;

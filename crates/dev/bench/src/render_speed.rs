@@ -15,7 +15,7 @@
 //! per second.
 
 use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use anyhow::{Context, Result, bail, ensure};
 use serde_json::{Map, Value, json};
@@ -31,7 +31,7 @@ use measure::{Quality, Speed};
 use poses::{camera, reference_poses};
 use scenes::{Reconstruction, TUNING, WALKS, Walk};
 
-use crate::{arguments, stamp};
+use crate::{arguments, report, stamp};
 
 const PARTS: [&str; 3] = ["batches", "sizes", "levels"];
 const THREADS: usize = 2;
@@ -58,7 +58,7 @@ pub(crate) fn run(args: &[String]) -> Result<()> {
         .num_threads(THREADS)
         .build()?;
     let path = options.out.join("render.json");
-    let mut report = read(&path)?;
+    let mut report = report::read(&path)?;
     for part in &options.parts {
         for walk in options.walks(part) {
             // Training uses all processors, measurements two threads.
@@ -70,14 +70,10 @@ pub(crate) fn run(args: &[String]) -> Result<()> {
             })?;
             println!("{row:#}");
             add_row(&mut report, part, row, &stamp);
-            let text = format!("{:#}\n", Value::Object(report.clone()));
-            fs::write(&path, text).with_context(|| format!("writing {}", path.display()))?;
+            report::write(&path, &report)?;
         }
     }
-    for (name, svg) in charts::draw(&report) {
-        let path = options.out.join(name);
-        fs::write(&path, svg).with_context(|| format!("writing {}", path.display()))?;
-    }
+    report::write_charts(&options.out, charts::draw(&report))?;
     Ok(())
 }
 
@@ -207,14 +203,6 @@ fn add_row(report: &mut Map<String, Value>, part: &str, mut row: Value, stamp: &
     };
     all.sort_by_key(place);
     report.insert(part.to_owned(), json!({ "stamp": stamp, "rows": all }));
-}
-
-fn read(path: &Path) -> Result<Map<String, Value>> {
-    if !path.exists() {
-        return Ok(Map::new());
-    }
-    let text = fs::read_to_string(path).with_context(|| format!("reading {}", path.display()))?;
-    serde_json::from_str(&text).with_context(|| format!("reading {}", path.display()))
 }
 
 struct Options {

@@ -13,7 +13,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
-use serde_json::{Map, Value, json};
+use serde_json::{Value, json};
 use terrain::FusionConfig;
 
 mod charts;
@@ -27,7 +27,7 @@ use crate::terrain::scores::Quantiles;
 use crate::terrain::surface::{Surface, surface};
 use crate::terrain::truth::Truth;
 use crate::terrain::walks::WALKS;
-use crate::{arguments, meter, python, stamp};
+use crate::{arguments, meter, python, report, stamp};
 use values::{CONTACT_GOAL_MM, entries};
 
 const PARTS: [&str; 3] = ["walks", "steps", "shape"];
@@ -51,16 +51,12 @@ pub(crate) fn run(args: &[String]) -> Result<()> {
         .with_context(|| format!("making {}", options.out.display()))?;
     let stamp = stamp::stamp("sim_physics", args)?;
     let path = options.out.join("sim_physics.json");
-    let mut report = read(&path)?;
+    let mut report = report::read(&path)?;
     let has = |part: &str| options.parts.iter().any(|own| own == part);
     let mut add = |part: &str, rows: Vec<Value>| -> Result<()> {
         report.insert(part.to_owned(), json!({ "stamp": stamp, "rows": rows }));
-        let text = format!("{:#}\n", Value::Object(report.clone()));
-        fs::write(&path, text).with_context(|| format!("writing {}", path.display()))?;
-        for (name, svg) in charts::draw(&report) {
-            let path = options.out.join(name);
-            fs::write(&path, svg).with_context(|| format!("writing {}", path.display()))?;
-        }
+        report::write(&path, &report)?;
+        report::write_charts(&options.out, charts::draw(&report))?;
         Ok(())
     };
     if has("steps") {
@@ -217,14 +213,6 @@ fn folder(name: &str) -> Result<PathBuf> {
     let folder = target.join("bench-physics").join(name);
     fs::create_dir_all(&folder).with_context(|| format!("making {}", folder.display()))?;
     Ok(folder)
-}
-
-fn read(path: &Path) -> Result<Map<String, Value>> {
-    if !path.exists() {
-        return Ok(Map::new());
-    }
-    let text = fs::read_to_string(path).with_context(|| format!("reading {}", path.display()))?;
-    serde_json::from_str(&text).with_context(|| format!("reading {}", path.display()))
 }
 
 struct Options {

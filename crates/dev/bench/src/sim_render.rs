@@ -16,7 +16,6 @@ use std::fs;
 use std::path::PathBuf;
 
 use anyhow::{Context, Result, bail, ensure};
-use serde_json::{Map, Value};
 
 mod charts;
 mod episode;
@@ -24,7 +23,7 @@ mod opened_scene;
 mod sizes;
 mod support;
 
-use crate::{arguments, stamp};
+use crate::{arguments, report, stamp};
 use opened_scene::OpenedScene;
 
 const PARTS: [&str; 3] = ["sizes", "episode", "support"];
@@ -42,12 +41,7 @@ pub(crate) fn run(args: &[String]) -> Result<()> {
     let stamp = stamp::stamp("sim_render", args)?;
     let scene = OpenedScene::new(&options.scene)?;
     let path = options.out.join("sim_render.json");
-    let mut report = match fs::read_to_string(&path) {
-        Ok(text) => {
-            serde_json::from_str(&text).with_context(|| format!("reading {}", path.display()))?
-        }
-        Err(_) => Map::new(),
-    };
+    let mut report = report::read(&path)?;
     for part in &options.parts {
         let mut row = match part.as_str() {
             "sizes" => sizes::measure(&scene, options.quick)?,
@@ -58,13 +52,9 @@ pub(crate) fn run(args: &[String]) -> Result<()> {
         row["stamp"] = stamp.clone();
         println!("{row:#}");
         report.insert(part.clone(), row);
-        let text = format!("{:#}\n", Value::Object(report.clone()));
-        fs::write(&path, text).with_context(|| format!("writing {}", path.display()))?;
+        report::write(&path, &report)?;
     }
-    for (name, svg) in charts::draw(&report) {
-        let path = options.out.join(name);
-        fs::write(&path, svg).with_context(|| format!("writing {}", path.display()))?;
-    }
+    report::write_charts(&options.out, charts::draw(&report))?;
     Ok(())
 }
 

@@ -16,7 +16,6 @@
 //! Beside times stand processor times of all threads, which other load of the machine changes less.
 
 use std::fs;
-use std::path::Path;
 
 use anyhow::{Context, Result};
 use serde_json::{Map, Value, json};
@@ -41,8 +40,8 @@ use exam::Exam;
 use options::Options;
 use views::{ViewOptions, WalkViews};
 
-use crate::stamp;
 use crate::terrain::walks::Walk;
+use crate::{report, stamp};
 
 /// Steps beside the plain trainer, which is slow.
 const PLAIN_STEPS: usize = 100;
@@ -61,7 +60,7 @@ pub(crate) fn run(args: &[String]) -> Result<()> {
     stamp["command"] = format!("cargo xtask bench splats {}", arguments(args)).into();
     // Results of other parts are kept.
     let path = options.out.join("splats.json");
-    let mut report = read(&path)?;
+    let mut report = report::read(&path)?;
     for part in &options.parts {
         let walks = match part.as_str() {
             "fox" => vec![None],
@@ -78,14 +77,10 @@ pub(crate) fn run(args: &[String]) -> Result<()> {
                 println!("{row}");
             }
             add_rows(&mut report, part, rows, &stamp);
-            let text = format!("{:#}\n", Value::Object(report.clone()));
-            fs::write(&path, text).with_context(|| format!("writing {}", path.display()))?;
+            report::write(&path, &report)?;
         }
     }
-    for (name, svg) in charts::draw(&report) {
-        let path = options.out.join(name);
-        fs::write(&path, svg).with_context(|| format!("writing {}", path.display()))?;
-    }
+    report::write_charts(&options.out, charts::draw(&report))?;
     Ok(())
 }
 
@@ -162,12 +157,4 @@ fn add_rows(report: &mut Map<String, Value>, part: &str, mut rows: Vec<Value>, s
     };
     all.sort_by_key(place);
     report.insert(part.to_owned(), json!({ "stamp": stamp, "rows": all }));
-}
-
-fn read(path: &Path) -> Result<Map<String, Value>> {
-    if !path.exists() {
-        return Ok(Map::new());
-    }
-    let text = fs::read_to_string(path).with_context(|| format!("reading {}", path.display()))?;
-    serde_json::from_str(&text).with_context(|| format!("reading {}", path.display()))
 }

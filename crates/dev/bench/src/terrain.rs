@@ -14,7 +14,7 @@
 //! machine changes less; half of one is the time on two idle cores at best.
 
 use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use anyhow::{Context, Result, bail};
 use serde_json::{Map, Value, json};
@@ -38,7 +38,7 @@ use scores::Quantiles;
 use truth::Truth;
 use walks::{Prepared, WALKS, Walk};
 
-use crate::{arguments, python, stamp};
+use crate::{arguments, python, report, stamp};
 
 const PARTS: [&str; 3] = ["walks", "voxels", "open3d"];
 
@@ -54,7 +54,7 @@ pub(crate) fn run(args: &[String]) -> Result<()> {
     let stamp = stamp::stamp("terrain", args)?;
     // Results of other parts are kept.
     let path = options.out.join("terrain.json");
-    let mut report = read(&path)?;
+    let mut report = report::read(&path)?;
     for part in &options.parts {
         for job in options.jobs(part) {
             let rows = match (part.as_str(), job) {
@@ -67,14 +67,10 @@ pub(crate) fn run(args: &[String]) -> Result<()> {
             };
             println!("{:#}", Value::Array(rows.clone()));
             add_rows(&mut report, part, rows, &stamp);
-            let text = format!("{:#}\n", Value::Object(report.clone()));
-            fs::write(&path, text).with_context(|| format!("writing {}", path.display()))?;
+            report::write(&path, &report)?;
         }
     }
-    for (name, svg) in charts::draw(&report) {
-        let path = options.out.join(name);
-        fs::write(&path, svg).with_context(|| format!("writing {}", path.display()))?;
-    }
+    report::write_charts(&options.out, charts::draw(&report))?;
     Ok(())
 }
 
@@ -229,14 +225,6 @@ fn height_errors(mesh: &Mesh, truth: &Truth<'_>) -> [Quantiles; 2] {
         Quantiles::of(soles.filter_map(error)),
         Quantiles::of(near.iter().filter_map(error)),
     ]
-}
-
-fn read(path: &Path) -> Result<Map<String, Value>> {
-    if !path.exists() {
-        return Ok(Map::new());
-    }
-    let text = fs::read_to_string(path).with_context(|| format!("reading {}", path.display()))?;
-    serde_json::from_str(&text).with_context(|| format!("reading {}", path.display()))
 }
 
 struct Options {
