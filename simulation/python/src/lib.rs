@@ -3,7 +3,7 @@
 //! The Python package builds Gymnasium environments of them and holds all its words; this library
 //! hands arrays over. Python's global lock is released while worlds step and images are rendered.
 //! No thread is started before the first reset or image, and threads do not outlive a fork:
-//! see [`pool`].
+//! see `pool.rs`.
 
 mod cameras;
 mod error;
