@@ -33,7 +33,7 @@ pub(crate) fn run(install: bool, out: Option<PathBuf>) -> Result<()> {
         wheel.display()
     );
     println!(
-        "  sim/bin/python -c 'import paws_sim; env = paws_sim.make(\"walk.scene\"); \
+        "  sim/bin/python -c 'import paws_sim; env = paws_sim.make(\"target/demo/walk.scene\"); \
          env.reset(seed=0); print(env.step(env.action_space.sample()))'"
     );
     Ok(())
@@ -44,7 +44,7 @@ pub(crate) fn interpreters() -> Result<[PathBuf; 2]> {
     Ok([WHEEL.interpreter()?, SIMULATION.interpreter()?])
 }
 
-/// Builds, installs and tests the package; the text is how many tests ran.
+/// Builds, installs and tests the package; the text says what was tested.
 pub(crate) fn test([maturin, python]: &[PathBuf; 2]) -> Result<String> {
     let wheel = build("dev", maturin, &target_folder()?.join("wheels-of-tests"))?;
     install_into(python, &wheel)?;

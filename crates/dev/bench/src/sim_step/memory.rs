@@ -4,6 +4,7 @@ use std::fs;
 use std::sync::Arc;
 
 use anyhow::{Context, Result};
+use harness::soak::memory;
 use serde_json::{Value, json};
 use simulation::SceneData;
 
@@ -39,7 +40,7 @@ pub(super) fn measure(scene: &Arc<SceneData>, quick: bool) -> Result<Value> {
                 *before = sector;
             }
         }
-        samples.push((resident_bytes()?, entries("fd")?, entries("task")?));
+        samples.push((memory()?.resident, entries("fd")?, entries("task")?));
     }
     // The first tenth warms up caches of the allocator.
     let settled = &samples[SAMPLES / 10..];
@@ -73,15 +74,6 @@ fn slope(points: &[(f64, f64)]) -> f64 {
     let covariance: f64 = points.iter().map(|p| (p.0 - x) * (p.1 - y)).sum();
     let variance: f64 = points.iter().map(|p| (p.0 - x) * (p.0 - x)).sum();
     covariance / variance
-}
-
-/// Resident memory of this process.
-fn resident_bytes() -> Result<u64> {
-    let text = fs::read_to_string("/proc/self/status").context("reading /proc/self/status")?;
-    let line = text.lines().find_map(|line| line.strip_prefix("VmRSS:"));
-    let number = line.and_then(|rest| rest.split_whitespace().next());
-    let kibibytes: u64 = number.context("no VmRSS in /proc/self/status")?.parse()?;
-    Ok(kibibytes * 1024)
 }
 
 /// Entries of a folder of `/proc/self`.
