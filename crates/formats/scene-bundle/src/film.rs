@@ -49,7 +49,7 @@ struct Line {
 /// Writes the film of the bundle in `folder`, whole or not at all.
 ///
 /// # Errors
-/// The file cannot be written; the previous one is kept.
+/// The file cannot be written or would be longer than 32 MiB; the previous one is kept.
 ///
 /// ```
 /// use charts::{Film, FilmFrame};
@@ -82,6 +82,10 @@ pub fn write(folder: &Path, film: &SceneFilm) -> io::Result<()> {
         };
         text.push_str(&serde_json::to_string(&line)?);
         text.push('\n');
+    }
+    if text.len() as u64 > LIMIT {
+        let expected = "a film of more than 32 MiB, which would not be read: show fewer seconds";
+        return Err(io::Error::new(io::ErrorKind::FileTooLarge, expected));
     }
     let path = folder.join(layout::FILM);
     let beside = folder.join(layout::temporary(layout::FILM));
@@ -121,12 +125,12 @@ pub fn read(folder: &Path) -> io::Result<Option<SceneFilm>> {
             caption: line.caption,
         });
     }
-    let is_positive = |edge: &u32| (1..=16_384).contains(edge);
+    let is_size = |edge: &u32| (1..=16_384).contains(edge);
     let files = frames.iter().map(|frame| &frame.jpeg_base64);
     let mut files = files.chain(map.as_ref().map(|map| &map.png_base64));
     let sizes = header.size.iter().chain(map.iter().flat_map(|m| &m.size));
     let is_valid = header.step_s.is_finite() && header.step_s > 0.0;
-    if !is_valid || !sizes.clone().all(is_positive) || !files.all(|text| is_base64(text)) {
+    if !is_valid || !sizes.clone().all(is_size) || !files.all(|text| is_base64(text)) {
         let expected = "expected a positive time step, sizes up to 16384 px, images in base64";
         return Err(io::Error::new(io::ErrorKind::InvalidData, expected));
     }

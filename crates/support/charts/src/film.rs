@@ -11,7 +11,7 @@ use crate::svg::escape;
 const STYLE: &str = include_str!("film.css");
 const SCRIPT: &str = include_str!("film.js");
 
-/// Length of the marker on the map, as part of the map's width.
+/// Length of the marker's tip on the map, as part of the map's longer edge.
 const MARKER: f64 = 0.03;
 
 /// Images at equal steps of time.
