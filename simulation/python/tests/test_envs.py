@@ -92,6 +92,27 @@ class Scalar(unittest.TestCase):
         self.assertEqual((image.shape, image.dtype), ((240, 320, 3), np.uint8))
         self.assertGreater(image.std(), 1.0)
 
+    def test_a_matrix_of_intrinsics_is_a_lens(self):
+        K = np.array([[40.0, 0.0, 23.5], [0.0, 40.0, 17.5], [0.0, 0.0, 1.0]])
+        camera = {"width": 48, "height": 36, "K": K}
+        env = paws_sim.make(ROOM, observation=IMAGES, camera=camera, config=SHORT)
+        observation, _ = env.reset(seed=0)
+        self.assertEqual(observation["rgb"].shape, (36, 48, 3))
+
+    def test_each_pose_may_have_its_own_lens(self):
+        cameras = paws_sim.Cameras(ROOM)
+        poses = ROOM.reference_poses(0)[:3]
+        K = np.tile(np.diag([40.0, 40.0, 1.0]), (3, 1, 1))
+        K[:, 0, 2], K[:, 1, 2] = 23.5, 17.5
+        K[1, 0, 0] = K[1, 1, 1] = 60.0
+        together = cameras.render(poses, 48, 36, K=K)
+        for number in range(3):
+            alone = cameras.render(poses[number], 48, 36, K=K[number])
+            for name, array in alone.items():
+                np.testing.assert_array_equal(array[0], together[name][number])
+        with self.assertRaises(paws_sim.SettingError):
+            cameras.render(poses, 48, 36, K=K[:2])
+
 
 class Vector(unittest.TestCase):
     def check(self, steps=120, **arguments):

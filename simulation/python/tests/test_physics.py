@@ -17,9 +17,10 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "python" / "paws_sim"))
 
 try:
     import mujoco
-    from physics import height_field, mujoco_scene
 except ImportError:
     mujoco = None
+if mujoco is not None:
+    from physics import height_field, mujoco_scene
 
 SLOPE = 0.2
 RAMP = """<mujoco model="terrain">

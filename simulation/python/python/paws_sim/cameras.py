@@ -46,9 +46,9 @@ class Cameras:
         """Images at poses of optical frames, shape (N, 4, 4) or (4, 4).
 
         `fov` is the field of view from left to right, rad (90 degrees without it and K), `K` the
-        3x3 matrix of intrinsics with pixel centers at integers. `sectors` are indices of the
-        sectors in whose frames the poses are (0 without). `keys` (N, 3) are seed, episode and frame
-        number of the noise of each image. Options: `quality` ("exact", "detail"), `depth`
+        3x3 matrix of intrinsics with pixel centers at integers, or one for each pose (N, 3, 3).
+        `sectors` are indices of the sectors in whose frames the poses are (0 without). `keys`
+        (N, 3) are seed, episode and frame number of the noise of each image. Options: `quality` ("exact", "detail"), `depth`
         ("median", "expected"), `far_m`, `noise` (settings), `max_bytes`.
 
         Returns `rgb` u8 (N, height, width, 3), `depth` f32 (N, height, width) along the optical
@@ -64,10 +64,36 @@ class Cameras:
         n = len(poses)
         sectors = np.zeros(n, np.int64) if sectors is None else np.asarray(sectors, np.int64)
         keys = np.zeros((n, 3), np.uint64) if keys is None else np.asarray(keys, np.uint64)
+        text = json.dumps(options, sort_keys=True)
+        if K is not None and np.ndim(K) == 3:
+            return self._render_lenses(poses, sectors, (width, height, fov, K), text, keys)
         lens = (int(width), int(height), *intrinsics(width, height, fov, K))
-        return self._core.render(
-            poses, sectors, lens, json.dumps(options, sort_keys=True), np.ascontiguousarray(keys)
-        )
+        return self._core.render(poses, sectors, lens, text, np.ascontiguousarray(keys))
+
+    def _render_lenses(self, poses, sectors, lens, text: str, keys) -> dict[str, np.ndarray]:
+        """Images with a lens each: those of equal ones in one batch."""
+        width, height, fov, K = lens
+        K = np.asarray(K, np.float64)
+        if K.shape != (len(poses), 3, 3):
+            raise _core.SettingError(
+                f"K: found shape {K.shape}, expected (3, 3) or ({len(poses)}, 3, 3)"
+            )
+        matrices, which = np.unique(K, axis=0, return_inverse=True)
+        images: dict[str, np.ndarray] = {}
+        for number, matrix in enumerate(matrices):
+            own = np.flatnonzero(which.ravel() == number)
+            of_lens = (int(width), int(height), *intrinsics(width, height, fov, matrix))
+            found = self._core.render(
+                np.ascontiguousarray(poses[own]),
+                sectors[own],
+                of_lens,
+                text,
+                np.ascontiguousarray(keys[own]),
+            )
+            for name, array in found.items():
+                whole = np.empty((len(poses), *array.shape[1:]), array.dtype)
+                images.setdefault(name, whole)[own] = array
+        return images
 
     def close(self) -> None:
         """Gives memory back; may be called twice."""

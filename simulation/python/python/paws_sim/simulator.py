@@ -127,7 +127,8 @@ class Simulator:
         self.reward = reward
 
         self.parts = self._checked_parts(observation)
-        self.camera = self._camera(camera or {})
+        # Without a lens it has a field of view of 90 degrees.
+        self.camera = {"width": 64, "height": 64, "far_m": 20.0, **(camera or {})}
         self.images = None
         self.observation_space = self._observation_space()
         self._table = self._action_table(actions)
@@ -147,11 +148,6 @@ class Simulator:
                 f"observation: found {observation!r}, expected some of {', '.join(PARTS)}"
             )
         return tuple(sorted(parts))
-
-    @staticmethod
-    def _camera(camera: Mapping[str, Any]) -> dict[str, Any]:
-        whole = {"width": 64, "height": 64, "fov": np.pi / 2, "far_m": 20.0, **camera}
-        return whole
 
     def _observation_space(self) -> spaces.Space:
         low, high = self.world.observation_bounds()

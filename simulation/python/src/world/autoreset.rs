@@ -108,8 +108,7 @@ impl Batch {
         };
         if let (Autoreset::Disabled, Some(index)) = (autoreset, first_ended) {
             return Err(SimulationError::State(format!(
-                "environment {index} has ended and was not reset: \
-                 reset(options={{\"reset_mask\": mask}})"
+                "environment {index} has ended and was not reset"
             )));
         }
         let result = self.world.step(actions)?;
