@@ -25,7 +25,7 @@ pub use noise::NoiseConfig;
 pub use sensor::{DepthKind, Quality, ShutterConfig, pinhole, scaled_model};
 pub use support::support_samples;
 
-use crate::error::SimulationError;
+use crate::error::{SimulationError, check_range};
 use crate::scene::RecordingCamera;
 
 /// A camera of an agent.
@@ -125,25 +125,7 @@ impl CameraConfig {
         self.noise.check()?;
         self.shutter.check()?;
         let far_m = f64::from(self.far_m);
-        in_range("camera.far_m", far_m, [0.1, 1e5], "0.1 to 100000 m")
-    }
-}
-
-/// # Errors
-/// [`SimulationError::Setting`] for a value that is not within a range.
-fn in_range(
-    name: &str,
-    value: f64,
-    [least, most]: [f64; 2],
-    expected: &str,
-) -> Result<(), SimulationError> {
-    match (least..=most).contains(&value) {
-        true => Ok(()),
-        false => Err(SimulationError::Setting {
-            name: name.to_owned(),
-            found: value.to_string(),
-            expected: expected.to_owned(),
-        }),
+        check_range("camera.far_m", far_m, [0.1, 1e5], "0.1 to 100000 m")
     }
 }
 

@@ -21,7 +21,7 @@ const TURN_GAIN: f64 = 3.0;
 const BRAKE_M: f64 = 0.6;
 /// Distance that paths keep from what blocks the agent, m.
 const MARGIN_M: f64 = 0.1;
-/// Distance from which an agent that is nearer than that returns to a path, m.
+/// Farthest that an agent within [`MARGIN_M`] of what blocks it goes back to a path, m.
 const RETURN_M: f64 = 0.6;
 /// Draws of a goal.
 const MAX_DRAWS: u64 = 400;
@@ -154,10 +154,10 @@ impl Guide {
             let level = pick(0, levels.len());
             let cell = pick(1, levels[level].grid.cells());
             let at = levels[level].grid.center_m(cell);
-            if self.ground.component(at, level).is_none() {
+            let Some(height_m) = self.ground.layers()[level].walkable_m(cell) else {
                 continue;
-            }
-            let goal_m = [at[0], at[1], f64::from(levels[level].elevation[cell])];
+            };
+            let goal_m = [at[0], at[1], f64::from(height_m)];
             let Some(along_m) = from.distance_m(goal_m) else {
                 continue;
             };

@@ -1,8 +1,8 @@
 //! The ground from above as an image, with the path of the recording.
 //!
 //! Contract: x of the world to the right, y up, the same scale along both. Free ground is gray by
-//! its height, obstacles are brown, unknown ground is white. Of several levels the lowest one with
-//! a height is drawn.
+//! its height, obstacles are brown, unknown ground is white. Of several levels the first one with
+//! free ground or an obstacle is drawn.
 
 use raster::{Canvas, Color};
 use scene_bundle::outputs::maps::{FREE, MapLevel, OCCUPIED};

@@ -12,7 +12,7 @@ use estimator_config::config;
 pub use support::{SupportMap, SupportSample};
 use tree::Tree;
 
-use crate::error::{SimulationError, check_positive};
+use crate::error::{SimulationError, check_range};
 
 config! {
     /// What makes a recorded camera near.
@@ -28,8 +28,20 @@ config! {
 
 impl DeviationConfig {
     pub(crate) fn check(&self) -> Result<(), SimulationError> {
-        check_positive("deviation.distance_m", self.distance_m)?;
-        check_positive("deviation.angle_rad", self.angle_rad)
+        // The squares of their reciprocals must be finite.
+        let range = [1e-12, 1e12];
+        check_range(
+            "deviation.distance_m",
+            self.distance_m,
+            range,
+            "1e-12 to 1e12",
+        )?;
+        check_range(
+            "deviation.angle_rad",
+            self.angle_rad,
+            range,
+            "1e-12 to 1e12",
+        )
     }
 
     /// Factors of positions and of viewing directions.

@@ -2,7 +2,7 @@
 
 use estimator_config::config;
 
-use crate::error::SimulationError;
+use crate::error::{SimulationError, check_positive, check_range};
 
 config! {
     /// Size and limits of an agent on the ground. The values are those of a walking person or a
@@ -56,48 +56,38 @@ impl AgentConfig {
     /// [`SimulationError::Setting`] with the name.
     pub fn check(&self) -> Result<(), SimulationError> {
         let positive = [
-            ("radius_m", self.radius_m),
-            ("height_m", self.height_m),
-            ("half_length_m", self.half_length_m),
-            ("half_width_m", self.half_width_m),
-            ("track_m", self.track_m),
-            ("max_speed_m_s", self.max_speed_m_s),
-            ("max_yaw_rate_rad_s", self.max_yaw_rate_rad_s),
-            ("max_acceleration_m_s2", self.max_acceleration_m_s2),
+            ("agent.radius_m", self.radius_m),
+            ("agent.height_m", self.height_m),
+            ("agent.half_length_m", self.half_length_m),
+            ("agent.half_width_m", self.half_width_m),
+            ("agent.track_m", self.track_m),
+            ("agent.max_speed_m_s", self.max_speed_m_s),
+            ("agent.max_yaw_rate_rad_s", self.max_yaw_rate_rad_s),
+            ("agent.max_acceleration_m_s2", self.max_acceleration_m_s2),
             (
-                "max_yaw_acceleration_rad_s2",
+                "agent.max_yaw_acceleration_rad_s2",
                 self.max_yaw_acceleration_rad_s2,
             ),
         ];
+        for (name, value) in positive {
+            check_positive(name, value)?;
+        }
         let least = [
-            ("unknown_margin_m", self.unknown_margin_m),
-            ("eye_height_m", self.eye_height_m),
-            ("max_step_m", self.max_step_m),
-            ("max_hole_m2", self.max_hole_m2),
-            ("max_residual_m", self.max_residual_m),
+            ("agent.unknown_margin_m", self.unknown_margin_m),
+            ("agent.eye_height_m", self.eye_height_m),
+            ("agent.max_step_m", self.max_step_m),
+            ("agent.max_hole_m2", self.max_hole_m2),
+            ("agent.max_residual_m", self.max_residual_m),
         ];
-        if !(self.max_slope_rad > 0.0 && self.max_slope_rad < std::f64::consts::FRAC_PI_2) {
-            return Err(SimulationError::Setting {
-                name: "agent.max_slope_rad".to_owned(),
-                found: self.max_slope_rad.to_string(),
-                expected: "an angle above 0 and below a right angle".to_owned(),
-            });
+        for (name, value) in least {
+            check_range(name, value, [0.0, f64::MAX], "a number of 0 or more")?;
         }
-        let wrong = positive
-            .iter()
-            .find(|(_, value)| !(value.is_finite() && *value > 0.0));
-        let wrong = wrong.map(|found| (found, "a number above 0"));
-        let negative = least
-            .iter()
-            .find(|(_, value)| !(value.is_finite() && *value >= 0.0));
-        let wrong = wrong.or(negative.map(|found| (found, "a number of 0 or more")));
-        match wrong {
-            None => Ok(()),
-            Some(((name, value), expected)) => Err(SimulationError::Setting {
-                name: format!("agent.{name}"),
-                found: value.to_string(),
-                expected: expected.to_owned(),
-            }),
-        }
+        let below_right = std::f64::consts::FRAC_PI_2.next_down();
+        check_range(
+            "agent.max_slope_rad",
+            self.max_slope_rad,
+            [f64::MIN_POSITIVE, below_right],
+            "an angle above 0 and below a right angle",
+        )
     }
 }

@@ -5,8 +5,7 @@
 
 use estimator_config::config;
 
-use super::in_range;
-use crate::error::SimulationError;
+use crate::error::{SimulationError, check_range};
 
 /// Gamma of the recorded images.
 pub(super) const SCENE_GAMMA: f64 = 2.2;
@@ -29,16 +28,16 @@ config! {
 impl ExposureConfig {
     pub(super) fn check(&self) -> Result<(), SimulationError> {
         let range = [1e-3, 1e3];
-        in_range("camera.exposure.gain", self.gain, range, "0.001 to 1000")?;
+        check_range("camera.exposure.gain", self.gain, range, "0.001 to 1000")?;
         for gain in self.white_balance {
-            in_range(
+            check_range(
                 "camera.exposure.white_balance",
                 gain,
                 range,
                 "0.001 to 1000",
             )?;
         }
-        in_range("camera.exposure.gamma", self.gamma, [0.2, 5.0], "0.2 to 5")
+        check_range("camera.exposure.gamma", self.gamma, [0.2, 5.0], "0.2 to 5")
     }
 
     /// Gains of linear light per channel, with that of a frame.

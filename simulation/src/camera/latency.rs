@@ -10,8 +10,7 @@ use estimator_config::config;
 use serde::{Deserialize, Serialize};
 
 use super::frames::{FrameRequest, NoiseKey};
-use super::in_range;
-use crate::error::SimulationError;
+use crate::error::{SimulationError, check_range};
 use crate::randomness::{RandomStream, Stream};
 use crate::scene::SceneData;
 
@@ -31,7 +30,8 @@ config! {
     }
 }
 
-/// Frames that may be in transit, at most: what a snapshot has room for.
+/// Frames that may be in transit where frames have an interval, at most. It bounds the memory of
+/// a queue.
 const MAX_IN_TRANSIT: f64 = 16.0;
 
 impl TimingConfig {
@@ -77,7 +77,7 @@ impl TimingConfig {
             return Ok(());
         }
         let name = "camera.timing.interval_s";
-        in_range(
+        check_range(
             name,
             shortest,
             [1e-4, 100.0],
@@ -85,7 +85,7 @@ impl TimingConfig {
         )?;
         let in_transit = self.latency_s[1] / shortest;
         let expected = "at most 16 frames in transit: a shorter latency or a longer interval";
-        in_range(
+        check_range(
             "camera.timing.latency_s / interval_s",
             in_transit,
             [0.0, MAX_IN_TRANSIT],

@@ -6,8 +6,7 @@
 
 use estimator_config::config;
 
-use super::in_range;
-use crate::error::SimulationError;
+use crate::error::{SimulationError, check_range};
 use crate::randomness::RandomStream;
 
 config! {
@@ -25,13 +24,13 @@ config! {
 impl NoiseConfig {
     pub(super) fn check(&self) -> Result<(), SimulationError> {
         let electrons = self.full_well_e;
-        in_range(
+        check_range(
             "camera.noise.full_well_e",
             electrons,
             [0.0, 1e7],
             "0 to 1e7",
         )?;
-        in_range(
+        check_range(
             "camera.noise.readout_e",
             self.readout_e,
             [0.0, 1e5],

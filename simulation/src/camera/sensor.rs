@@ -6,8 +6,7 @@ use camera_models::{CameraModel, Distortion};
 use estimator_config::config;
 use serde::{Deserialize, Serialize};
 
-use super::in_range;
-use crate::error::SimulationError;
+use crate::error::{SimulationError, check_range};
 
 /// How images are rendered.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -52,14 +51,14 @@ const MAX_BLUR_POSES: usize = 63;
 
 impl ShutterConfig {
     pub(super) fn check(&self) -> Result<(), SimulationError> {
-        in_range(
+        check_range(
             "camera.shutter.line_s",
             self.line_s,
             [0.0, 0.1],
             "0 to 0.1 s",
         )?;
         let exposure_s = self.exposure_s;
-        in_range(
+        check_range(
             "camera.shutter.exposure_s",
             exposure_s,
             [0.0, 1.0],

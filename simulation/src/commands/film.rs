@@ -39,7 +39,6 @@ pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode> {
     let mut walk = Walk::open(&arguments.scene, arguments.seed)?;
     let steps = (f64::from(arguments.seconds) / walk.step_s()).round() as u32;
     let mut frames = Vec::new();
-    let mut collisions = 0;
     for step in 0..=steps {
         if step % STEPS_PER_IMAGE == 0 {
             frames.push(FilmFrame {
@@ -49,20 +48,21 @@ pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode> {
                 caption: walk.caption()?,
             });
         }
-        let before = walk.collisions();
-        let action = walk.guide();
-        walk.step(action)?;
-        collisions += walk.collisions().saturating_sub(before);
+        if step < steps {
+            let action = walk.guide();
+            walk.step(action)?;
+        }
     }
     let map = FilmMap {
         png_base64: base64(&walk.map.png()?),
         size: walk.map.size(),
     };
     let summary = format!(
-        "An agent walked {:.1} m in {} s, reached {} goals, was stopped in {collisions} steps and restarted {} times.",
+        "An agent walked {:.1} m in {} s, reached {} goals, was stopped in {} steps and restarted {} times.",
         walk.path_m(),
         arguments.seconds,
         walk.reached(),
+        walk.collisions(),
         walk.ends(),
     );
     let film = SceneFilm {

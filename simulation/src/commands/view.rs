@@ -76,7 +76,7 @@ fn page(name: &str, walk: &Walk) -> Result<String> {
     };
     let [map_width, map_height] = walk.map.size();
     let [width, height] = SIZE;
-    // The map is last: what was put in before it is not searched for markers again.
+    // The title is last: a name with a marker in it is not searched again.
     Ok(PAGE
         .replace("<!--WIDTH-->", &width.to_string())
         .replace("<!--HEIGHT-->", &height.to_string())

@@ -36,8 +36,9 @@ pub(super) struct Walk {
     frames: Frames,
     judge: Option<Judge>,
     pub(super) map: MapImage,
-    /// Path length of the episodes before this one, m.
+    /// Path length of the episodes before this one, m, and steps of theirs that were stopped.
     before_m: f64,
+    before_collisions: u32,
     /// Episodes that ended.
     ends: u32,
 }
@@ -97,6 +98,7 @@ impl Walk {
             frames: Frames::default(),
             map,
             before_m: 0.0,
+            before_collisions: 0,
             ends: 0,
         };
         walk.world.reset(None, None)?;
@@ -106,6 +108,7 @@ impl Walk {
     /// Begins at another start.
     pub(super) fn reset(&mut self) -> Result<()> {
         self.before_m += f64::from(self.world.result().path_length_m[0]);
+        self.before_collisions += self.world.result().collisions[0];
         self.guides.iter_mut().for_each(Guide::forget);
         Ok(self.world.reset(None, None)?)
     }
@@ -177,9 +180,9 @@ impl Walk {
         self.ends
     }
 
-    /// Steps of this episode that something stopped.
+    /// Steps of all episodes that something stopped.
     pub(super) fn collisions(&self) -> u32 {
-        self.world.result().collisions[0]
+        self.before_collisions + self.world.result().collisions[0]
     }
 
     /// Where it is beside the recording, in a few words.

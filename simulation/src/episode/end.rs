@@ -36,7 +36,8 @@ pub enum EndReason {
 }
 
 impl EndReason {
-    /// Every reason, ordered by precedence: of several in one step the first is reported.
+    /// Every reason that ends an episode, by precedence among those that terminate, then among the
+    /// others.
     pub const BY_PRECEDENCE: [Self; 8] = [
         Self::Goal,
         Self::Fall,

@@ -68,12 +68,12 @@ impl RewardConfig {
         ] {
             check_range(name, value, [-1e9, 1e9], "a finite number")?;
         }
-        let positive = [f64::MIN_POSITIVE, 1e9];
+        // Its square must not vanish.
         check_range(
             "reward.tracking_sigma",
             self.tracking_sigma,
-            positive,
-            "above 0",
+            [1e-6, 1e9],
+            "0.000001 to 1000000000",
         )
     }
 

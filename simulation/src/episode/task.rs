@@ -118,10 +118,12 @@ impl TaskConfig {
     /// Commanded forward speed, m/s, and yaw rate, rad/s, at a time of an episode.
     pub(crate) fn command(&self, seed: u64, episode: u64, time_s: f64) -> [f64; 2] {
         let number = (time_s / self.command_interval_s) as u64;
-        let goal = RandomStream::new(seed, episode, Stream::Goal);
+        // The cast saturates for intervals that are tiny beside the time.
+        let first = number.wrapping_mul(2);
+        let random = RandomStream::new(seed, episode, Stream::Goal);
         [
-            goal.range(2 * number, self.command_m_s),
-            goal.range(2 * number + 1, self.command_rad_s),
+            random.range(first, self.command_m_s),
+            random.range(first.wrapping_add(1), self.command_rad_s),
         ]
     }
 }

@@ -99,6 +99,28 @@ impl SupportMap {
         })
     }
 
+    /// Refuses a map that was not made by [`Self::fit`], such as one from a configuration file.
+    pub(crate) fn check(&self) -> Result<(), SimulationError> {
+        let is_valid = |loss: &Loss| {
+            let is_ascending = loss.knots.is_sorted_by(|a, b| a < b);
+            let numbers = loss.slopes.iter().chain([&loss.longest]);
+            loss.knots.first() == Some(&0.0)
+                && is_ascending
+                && loss.knots.len() == loss.slopes.len()
+                && numbers
+                    .chain(&loss.knots)
+                    .all(|v| v.is_finite() && *v >= 0.0)
+        };
+        if self.level_db.is_finite() && is_valid(&self.distance) && is_valid(&self.angle) {
+            return Ok(());
+        }
+        Err(SimulationError::Setting {
+            name: "support".to_owned(),
+            found: "knots and slopes of another form".to_owned(),
+            expected: "ascending knots from 0 with a slope of at least 0 each".to_owned(),
+        })
+    }
+
     /// Predicted PSNR, dB.
     pub fn support_db(&self, deviation: &Deviation) -> f64 {
         self.level_db - self.distance.at(deviation.distance_m) - self.angle.at(deviation.angle_rad)

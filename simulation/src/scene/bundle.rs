@@ -1,7 +1,8 @@
 //! A scene of a scene bundle.
 //!
-//! All files of the outputs in [`USES`] are read once, which checks their hashes; no thread is
-//! started. Sectors are those of the output `splats`, in the world of the bundle, or one.
+//! All files of the outputs in [`USES`] but images of comparisons are read once, which checks
+//! their hashes; no thread is started. Sectors are those of the output `splats`, in the world of
+//! the bundle, or one.
 
 mod recording;
 
@@ -244,6 +245,7 @@ impl Opening {
         let of_output = |e| self.wrong(outputs::SPLATS, e);
         let reader = self.bundle.output(outputs::SPLATS).map_err(of_output)?;
         outputs::splats::read_sky(&reader, record).map_err(of_output)?;
+        outputs::splats::read_coverage(&reader, record).map_err(of_output)?;
         let reach: Vec<_> = record
             .sectors
             .iter()

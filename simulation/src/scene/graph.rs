@@ -108,7 +108,7 @@ impl Gap {
     }
 }
 
-/// The cycles of a spanning tree: for each edge that is not of the tree its gap.
+/// The gap between each edge and the path along a spanning tree; none for edges of the tree.
 pub(super) fn cycles(sectors: &[Sector]) -> Vec<(usize, &SectorEdge, Gap)> {
     let mut roots_from: Vec<Option<Similarity>> = vec![None; sectors.len()];
     // Edges of both directions, each as a way from its sector.

@@ -96,8 +96,14 @@ pub(super) fn write_episode(writer: &mut Writer, episode: &Episode) {
     writer.u32(clipped);
 }
 
+/// Greatest count in a snapshot: the episode may go on for as many steps before one overflows.
+const MAX_COUNT: u64 = 1 << 31;
+
 pub(super) fn read_episode(reader: &mut Reader<'_>) -> Result<Episode, SimulationError> {
     let (seed, number, steps) = (reader.u64()?, reader.u64()?, reader.u64()?);
+    if number.max(steps) > MAX_COUNT {
+        return Err(damaged("a count that no episode reaches"));
+    }
     let phase = match reader.u8()? {
         0 => Phase::New,
         1 => Phase::Running,
@@ -124,6 +130,11 @@ pub(super) fn read_episode(reader: &mut Reader<'_>) -> Result<Episode, Simulatio
         2 => Target::Command,
         other => return Err(damaged(&format!("the target {other}"))),
     };
+    let (first_m, remaining_m, path_length_m) = (reader.f64()?, reader.f64()?, reader.f64()?);
+    let (collisions, clipped) = (reader.u32()?, reader.u32()?);
+    if u64::from(collisions.max(clipped)) > MAX_COUNT {
+        return Err(damaged("a count that no episode reaches"));
+    }
     Ok(Episode {
         seed,
         number,
@@ -138,10 +149,10 @@ pub(super) fn read_episode(reader: &mut Reader<'_>) -> Result<Episode, Simulatio
             mount,
         },
         target,
-        first_m: reader.f64()?,
-        remaining_m: reader.f64()?,
-        path_length_m: reader.f64()?,
-        collisions: reader.u32()?,
-        clipped: reader.u32()?,
+        first_m,
+        remaining_m,
+        path_length_m,
+        collisions,
+        clipped,
     })
 }

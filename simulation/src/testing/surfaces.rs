@@ -187,6 +187,18 @@ impl Surfaces {
         spacing_m: f64,
         sector_from_here: &RigidTransform,
     ) -> Result<Splats, SimulationError> {
+        let wrong = |found: String| SimulationError::Scene {
+            place: "Gaussians of a synthetic scene".to_owned(),
+            found,
+            expected: "finite surfaces".to_owned(),
+        };
+        let is_finite = |patch: &Patch| {
+            let numbers = patch.corner_m.iter().chain(patch.edges_m.as_flattened());
+            numbers.copied().all(f64::is_finite)
+        };
+        if !self.patches.iter().all(is_finite) {
+            return Err(wrong("a surface that is not finite".to_owned()));
+        }
         let mut points = Vec::new();
         for patch in &self.patches {
             let [u, v] = patch.edges_m.map(Vector3::from);
@@ -207,11 +219,6 @@ impl Surfaces {
                 }
             }
         }
-        let wrong = |found: String| SimulationError::Scene {
-            place: "Gaussians of a synthetic scene".to_owned(),
-            found,
-            expected: "finite surfaces".to_owned(),
-        };
         let splats = splats_from_points(&points).map_err(|e| wrong(e.to_string()))?;
         let (degree, mut planes) = (splats.degree(), splats.planes().to_vec());
         planes[Plane::SCALE + 2].fill(libm::logf(THICKNESS_M));

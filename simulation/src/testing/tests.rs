@@ -118,3 +118,11 @@ fn sides_of_the_corridor_are_the_same_world() {
         }
     }
 }
+
+#[test]
+fn surfaces_that_are_not_finite_are_refused() {
+    for slope in [f64::INFINITY, f64::NAN] {
+        let error = SyntheticScene::tilted_plane([slope, 0.0]).unwrap_err();
+        assert!(error.to_string().contains("not finite"), "{error}");
+    }
+}

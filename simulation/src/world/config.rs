@@ -121,6 +121,9 @@ impl WorldConfig {
             }
         }
         self.deviation.check()?;
+        if let Some(support) = &self.support {
+            support.check()?;
+        }
         self.start.check()?;
         self.end.check()?;
         self.task.check()?;

@@ -24,7 +24,7 @@ fn occupy(level: &mut MapLevel, cell: usize) {
     level.flags[cell] = 0;
 }
 
-/// Single cells, a tenth of them each obstacles and unknown, a step of 30 cm on a part.
+/// Single cells, 1 % of them obstacles and 2 % unknown, a step of 30 cm on a part.
 fn random_level(seed: u64) -> MapLevel {
     let mut level = flat(2.0);
     for cell in 0..level.grid.cells() {

@@ -154,7 +154,7 @@ fn a_pose_before_a_border_is_carried_into_the_sector_behind_it() {
 }
 
 #[test]
-fn a_queue_is_plain_data_of_less_than_4_kb() {
+fn a_queue_is_plain_data_of_few_frames() {
     let scene = scene();
     let config = TimingConfig::gauss_gym();
     for seed in 0..50 {

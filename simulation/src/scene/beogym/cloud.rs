@@ -7,6 +7,8 @@ use crate::error::SimulationError;
 
 /// The fields that are read.
 const AXES: [&str; 3] = ["x", "y", "z"];
+/// Numbers of a field at most; real files have up to some hundred.
+const MAX_COUNT: usize = 1 << 16;
 
 /// Positions in a PCD file. Points that are not finite are left out: PCL marks unmeasured ones so.
 pub(super) fn read(bytes: &[u8], path: &Path) -> Result<Vec<[f64; 3]>, SimulationError> {
@@ -37,9 +39,11 @@ pub(super) fn read(bytes: &[u8], path: &Path) -> Result<Vec<[f64; 3]>, Simulatio
         counts => counts
             .iter()
             .filter_map(|count| count.parse().ok())
+            .filter(|count| *count <= MAX_COUNT)
             .collect(),
     };
-    let sizes: Vec<usize> = sizes.iter().filter_map(|size| size.parse().ok()).collect();
+    let sizes = sizes.iter().filter_map(|size| size.parse().ok());
+    let sizes: Vec<usize> = sizes.filter(|size| [1, 2, 4, 8].contains(size)).collect();
     let points: usize = words("POINTS ")
         .first()
         .and_then(|n| n.parse().ok())

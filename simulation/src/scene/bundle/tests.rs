@@ -177,6 +177,10 @@ fn a_short_reach_shows_less() {
         let gaussians = sector.gaussians.as_ref().unwrap();
         let loaded = gaussians.load().unwrap();
         assert_eq!(loaded.splats.len(), gaussians.count());
+        // Some beyond the border at 12 m, none beyond the reach.
+        let near = |x: &&f32| [12.0..15.0, 9.0..12.0][number].contains(*x);
+        let positions = &loaded.splats.planes()[Plane::POSITION];
+        assert!(positions.iter().filter(near).count() > 0);
         let beyond = |x: &&f32| [**x > 15.0, **x < 9.0][number];
         assert_eq!(
             loaded.splats.planes()[Plane::POSITION]

@@ -2,7 +2,6 @@
 
 use super::*;
 use crate::episode::RandomizationConfig;
-use crate::randomness::{RandomStream, Stream};
 
 /// What an episode draws, each as bits: start, goal, speeds, mount, latency.
 fn draws(randomization: RandomizationConfig, change: fn(&mut WorldConfig)) -> [Vec<u64>; 5] {
@@ -131,18 +130,4 @@ fn scaled_speeds_and_mounts_are_applied() {
     let [a, b] = [&mounted, &slow].map(|world| world.world_from_camera(0).1.translation_m());
     let distance = (0..3).map(|k| (a[k] - b[k]).powi(2)).sum::<f64>().sqrt();
     assert!(distance > 1e-4 && distance < 0.035, "{distance}");
-}
-
-#[test]
-fn cameras_draw_from_streams_of_their_own() {
-    // The streams that branches of images use are others than those of episodes.
-    let of_images = [Stream::Camera, Stream::Noise, Stream::Exposure];
-    for stream in of_images {
-        for other in [Stream::Start, Stream::Goal, Stream::Mount, Stream::Latency] {
-            assert_ne!(
-                RandomStream::new(1, 2, stream).bits(0),
-                RandomStream::new(1, 2, other).bits(0)
-            );
-        }
-    }
 }

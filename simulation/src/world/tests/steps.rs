@@ -1,7 +1,7 @@
 //! Determinism, errors and what a step reports.
 
 use super::*;
-use crate::SimulationError;
+use crate::{SimulationError, SupportMap};
 
 const TASKS: [Task; 3] = [Task::PointGoal, Task::FollowPath, Task::Velocity];
 
@@ -216,6 +216,13 @@ fn seeds_repeat_their_episodes() {
     assert!(run(None)[0] != first[0]);
 }
 
+/// A support map with more knots than slopes, as a configuration file may have it.
+fn broken_support() -> SupportMap {
+    let loss = serde_json::json!({ "knots": [0.0, 1.0], "slopes": [1.0], "longest": 2.0 });
+    let map = serde_json::json!({ "level_db": 30.0, "distance": loss, "angle": loss });
+    serde_json::from_value(map).unwrap()
+}
+
 #[test]
 fn settings_out_of_range_are_named() {
     let with = |change: fn(&mut WorldConfig)| {
@@ -235,6 +242,15 @@ fn settings_out_of_range_are_named() {
         ),
         ("reward.goal", with(|c| c.reward.goal = f64::INFINITY)),
         ("observation.rays", with(|c| c.observation.rays = 1000)),
+        (
+            "reward.tracking_sigma",
+            with(|c| c.reward.tracking_sigma = 1e-170),
+        ),
+        (
+            "deviation.angle_rad",
+            with(|c| c.deviation.angle_rad = 1e-200),
+        ),
+        ("support", with(|c| c.support = Some(broken_support()))),
     ] {
         assert!(error.starts_with(name), "{name}: {error}");
     }
