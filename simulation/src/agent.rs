@@ -19,7 +19,7 @@ mod tests;
 pub use config::AgentConfig;
 pub use drive::Drive;
 pub use footing::Footing;
-pub use playback::{Playback, Recorded};
+pub use playback::{Playback, WearerState};
 pub use state::AgentState;
 
 use crate::ground::{Block, Ground};

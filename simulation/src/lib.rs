@@ -22,7 +22,7 @@ mod snapshot;
 pub mod testing;
 mod world;
 
-pub use agent::{AgentConfig, AgentState, Drive, Footing, Motion, Playback, Recorded, advance};
+pub use agent::{AgentConfig, AgentState, Drive, Footing, Motion, Playback, WearerState, advance};
 pub use alignment::{Alignment, AlignmentConfig, AlignmentModel, align_points, align_trajectories};
 pub use camera::{
     CameraBatch, CameraConfig, CameraSchedule, CameraView, Capture, DepthKind, ExposureConfig,

@@ -29,7 +29,7 @@ use crate::SimulationError;
 use crate::agent::AgentState;
 use crate::episode::task::{Task, goals};
 use crate::scene::SceneData;
-use environment::{Begin, Episode, Phase};
+use environment::{Episode, EpisodeStart, Phase};
 use rows::{Environments, Rows};
 use shared::Shared;
 
@@ -58,7 +58,7 @@ pub struct World {
     pub(crate) result: StepResult,
     pub(crate) observations: Vec<f32>,
     /// First states of a reset before it succeeds.
-    begins: Vec<Option<Begin>>,
+    begins: Vec<Option<EpisodeStart>>,
 }
 
 impl World {
@@ -113,7 +113,7 @@ impl World {
         }
         let is_reset = |index: usize| mask.is_none_or(|mask| mask[index]);
         let (shared, episodes) = (&self.shared, &self.environments.episode);
-        let begin = |(index, begin): (usize, &mut Option<Begin>)| {
+        let begin = |(index, begin): (usize, &mut Option<EpisodeStart>)| {
             *begin = None;
             if is_reset(index) {
                 let (seed, number) = next_episode(&episodes[index], seeds.map(|s| s[index]));
@@ -346,13 +346,13 @@ fn next_episode(episode: &Episode, seed: Option<u64>) -> (u64, u64) {
 
 /// First states of all environments; of several errors that of the first.
 fn begin_all(
-    begins: &mut [Option<Begin>],
-    begin: &(impl Fn((usize, &mut Option<Begin>)) -> Result<(), SimulationError> + Sync),
+    begins: &mut [Option<EpisodeStart>],
+    begin: &(impl Fn((usize, &mut Option<EpisodeStart>)) -> Result<(), SimulationError> + Sync),
 ) -> Result<(), SimulationError> {
     fn of(
         first: usize,
-        begins: &mut [Option<Begin>],
-        begin: &(impl Fn((usize, &mut Option<Begin>)) -> Result<(), SimulationError> + Sync),
+        begins: &mut [Option<EpisodeStart>],
+        begin: &(impl Fn((usize, &mut Option<EpisodeStart>)) -> Result<(), SimulationError> + Sync),
     ) -> Result<(), SimulationError> {
         /// Resets take longer than steps.
         const CHUNK: usize = 4;

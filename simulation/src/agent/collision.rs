@@ -14,7 +14,7 @@ const MAX_STEP_TURN_RAD: f64 = 0.25;
 
 /// How far an agent came.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Swept {
+pub(super) struct Sweep {
     /// Share of the motion that it could make.
     pub(super) share: f64,
     pub(super) position_m: [f64; 2],
@@ -30,10 +30,10 @@ pub(super) struct Swept {
 /// Follows an arc until something blocks it, or slides along that. An agent that stands where it
 /// cannot be, as after a reset by its user, may leave but not go deeper: each step has to lead to a
 /// free cell.
-pub(super) fn sweep(ground: &Ground, slides: bool, state: &AgentState, arc: &Arc) -> Swept {
+pub(super) fn sweep(ground: &Ground, slides: bool, state: &AgentState, arc: &Arc) -> Sweep {
     let [x, y, z] = state.position_m;
     let here = ground.surface([x, y], z);
-    let mut swept = Swept {
+    let mut sweep = Sweep {
         share: 0.0,
         position_m: [x, y],
         height_m: here.map_or(z, |surface| surface.height_m),
@@ -54,27 +54,27 @@ pub(super) fn sweep(ground: &Ground, slides: bool, state: &AgentState, arc: &Arc
         let share = f64::from(step) / f64::from(steps);
         let arc_m = arc.position_m(share);
         // As long as nothing blocked it the position is that of the arc, without sums.
-        let at_m = match swept.blocked {
+        let at_m = match sweep.blocked {
             None => arc_m,
-            Some(_) => [0, 1].map(|k| swept.position_m[k] + arc_m[k] - before_m[k]),
+            Some(_) => [0, 1].map(|k| sweep.position_m[k] + arc_m[k] - before_m[k]),
         };
-        match swept.go(ground, at_m) {
-            Ok(()) => swept.length_m += step_m,
+        match sweep.go(ground, at_m) {
+            Ok(()) => sweep.length_m += step_m,
             Err(reason) => {
-                swept.blocked = swept.blocked.or(Some(Block { reason, at_m }));
+                sweep.blocked = sweep.blocked.or(Some(Block { reason, at_m }));
                 if !slides {
                     break;
                 }
-                swept.slide(ground, at_m);
+                sweep.slide(ground, at_m);
             }
         }
-        swept.share = share;
+        sweep.share = share;
         before_m = arc_m;
     }
-    swept
+    sweep
 }
 
-impl Swept {
+impl Sweep {
     /// Goes straight to a point at most half a cell away, over all cells between.
     fn go(&mut self, ground: &Ground, at_m: [f64; 2]) -> Result<(), BlockReason> {
         if at_m == self.position_m {

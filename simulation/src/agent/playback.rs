@@ -39,7 +39,7 @@ pub struct Playback {
 
 /// The wearer at a time.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Recorded {
+pub struct WearerState {
     /// Pose of the rig.
     pub world_from_rig: RigidTransform,
     /// Velocity of the rig along the world's axes, m/s.
@@ -72,10 +72,10 @@ impl Playback {
     /// The wearer at a time: positions on the straight line and rotations on the shortest arc
     /// between the poses before and after. `None` before the first, after the last, and where one
     /// of the two is lost.
-    pub fn at(&self, time_ns: i64) -> Option<Recorded> {
+    pub fn at(&self, time_ns: i64) -> Option<WearerState> {
         let (world_from_rig, recorded) = self.pose(time_ns)?;
         let velocity_in_world = recorded.or_else(|| self.measured_velocity(time_ns));
-        Some(Recorded {
+        Some(WearerState {
             world_from_rig,
             velocity_in_world: velocity_in_world.unwrap_or([0.0; 3]),
             contacts: [Foot::Left, Foot::Right].map(|foot| self.contact(foot, time_ns)),

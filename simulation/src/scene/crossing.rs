@@ -51,6 +51,14 @@ impl SceneData {
     /// For a sector that does not exist.
     #[must_use]
     pub fn cross(&self, place: &Place) -> Place {
+        self.cross_by(place, |_| ())
+    }
+
+    /// The place after all edges that it leads over, each of which is visited.
+    ///
+    /// # Panics
+    /// For a sector that does not exist.
+    pub(crate) fn cross_by(&self, place: &Place, mut visit: impl FnMut(&SectorEdge)) -> Place {
         let mut place = *place;
         // A fast agent may pass through a small sector in one step.
         for _ in 0..self.sectors.len() {
@@ -58,6 +66,7 @@ impl SceneData {
             let Some(edge) = self.leaves(place.sector, at_m) else {
                 break;
             };
+            visit(edge);
             place = Place {
                 sector: edge.to,
                 sector_from_body: edge.to_from_here.carry(&place.sector_from_body),

@@ -32,7 +32,7 @@ struct SceneFile {
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct RecordingEntry {
-    /// Begin of the names of its sectors.
+    /// Prefix of the names of its sectors.
     name: String,
     /// Path of a bundle, relative to the file.
     bundle: Option<String>,

@@ -96,7 +96,8 @@ pub(super) fn write_episode(writer: &mut Writer, episode: &Episode) {
     writer.u32(clipped);
 }
 
-/// Greatest count in a snapshot: the episode may go on for as many steps before one overflows.
+/// Greatest count in a snapshot. The counts of an episode that goes on from there stay in range
+/// for 2^31 further steps.
 const MAX_COUNT: u64 = 1 << 31;
 
 pub(super) fn read_episode(reader: &mut Reader<'_>) -> Result<Episode, SimulationError> {

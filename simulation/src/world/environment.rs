@@ -79,7 +79,7 @@ impl Episode {
 
 /// The first state of an episode.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Begin {
+pub(crate) struct EpisodeStart {
     pub(crate) sector: u32,
     pub(crate) state: AgentState,
     pub(crate) episode: Episode,
@@ -89,7 +89,11 @@ pub(crate) struct Begin {
 ///
 /// # Errors
 /// [`SimulationError::Start`].
-pub(crate) fn begin(shared: &Shared, seed: u64, number: u64) -> Result<Begin, SimulationError> {
+pub(crate) fn begin(
+    shared: &Shared,
+    seed: u64,
+    number: u64,
+) -> Result<EpisodeStart, SimulationError> {
     let config = &shared.config;
     let drawn = config.randomization.draw(seed, number);
     let mut exclusions = Exclusions::default();
@@ -108,7 +112,7 @@ pub(crate) fn begin(shared: &Shared, seed: u64, number: u64) -> Result<Begin, Si
         });
         match found {
             Ok((start, (target, remaining_m))) => {
-                return Ok(Begin {
+                return Ok(EpisodeStart {
                     sector: start.sector,
                     state: start.state,
                     episode: Episode {
@@ -157,7 +161,7 @@ fn target(
 }
 
 /// Puts an environment into its first state.
-pub(crate) fn reset(shared: &Shared, row: &mut Row<'_>, begin: &Begin) {
+pub(crate) fn reset(shared: &Shared, row: &mut Row<'_>, begin: &EpisodeStart) {
     *row.sector = begin.sector;
     *row.state = begin.state;
     *row.episode = begin.episode;

@@ -13,7 +13,7 @@ use crate::episode::start::candidates::Candidates;
 use crate::episode::task::goals::Goal;
 use crate::ground::{Cover, Ground};
 use crate::reference_poses::{Deviation, DeviationConfig, ReferencePoses};
-use crate::scene::{Area, SceneData, Sector};
+use crate::scene::{Area, Place, SceneData, Sector};
 
 /// A sector, as agents on the ground use it.
 #[derive(Debug)]
@@ -97,18 +97,17 @@ impl Shared {
         if self.terrains.len() == 1 {
             return None;
         }
-        let mut sector = from as usize;
-        let mut sector_from_body = state.world_from_body();
-        // A fast agent may pass through a small sector in one step.
-        for _ in 0..self.terrains.len() {
-            let at_m = sector_from_body.translation_m();
-            let Some(edge) = self.scene.leaves(sector, at_m) else {
-                break;
-            };
-            sector = edge.to;
-            sector_from_body = edge.to_from_here.carry(&sector_from_body);
-            *carried_m = edge.to_from_here.apply(*carried_m);
-        }
+        let place = Place {
+            sector: from as usize,
+            sector_from_body: state.world_from_body(),
+        };
+        let mut moved_m = *carried_m;
+        let Place {
+            sector,
+            sector_from_body,
+        } = self.scene.cross_by(&place, |edge| {
+            moved_m = edge.to_from_here.apply(moved_m);
+        });
         if sector == from as usize {
             return None;
         }
@@ -116,6 +115,7 @@ impl Shared {
         if to.frame == self.terrains[from as usize].frame {
             return Some((sector as u32, *state));
         }
+        *carried_m = moved_m;
         let [x, y, z] = sector_from_body.translation_m();
         let [forward_x, forward_y, _] = sector_from_body.rotate([1.0, 0.0, 0.0]);
         let surface = to.ground.surface([x, y], z);
