@@ -7,6 +7,8 @@
 
 mod agent;
 mod alignment;
+#[cfg(feature = "rapier")]
+mod bodies;
 mod camera;
 mod confidence;
 mod episode;
@@ -24,6 +26,8 @@ mod world;
 
 pub use agent::{AgentConfig, AgentState, Drive, Footing, Motion, Playback, WearerState, advance};
 pub use alignment::{Alignment, AlignmentConfig, AlignmentModel, align_points, align_trajectories};
+#[cfg(feature = "rapier")]
+pub use bodies::{BodiesConfig, Body, BodyContact, BodyShape, BodyState, RigidBodies};
 pub use camera::{
     CameraBatch, CameraConfig, CameraSchedule, CameraView, Capture, DepthKind, ExposureConfig,
     FrameBuffers, FrameQueue, FrameRequest, Frames, NoiseConfig, NoiseKey, Quality, RenderReport,

@@ -37,6 +37,7 @@ mod sim_learn;
 mod sim_physics;
 mod sim_render;
 mod sim_step;
+mod sim_truth;
 mod soak;
 mod splats;
 mod stamp;
@@ -112,6 +113,7 @@ const BENCHMARKS: &[(&str, Run)] = &[
     ("sim_physics", sim_physics::run),
     ("sim_render", sim_render::run),
     ("sim_step", sim_step::run),
+    ("sim_truth", sim_truth::run),
     ("soak", soak::run),
     ("splats", splats::run),
     ("sync", sync::run),

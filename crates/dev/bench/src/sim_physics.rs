@@ -8,6 +8,7 @@
 //!    grounds, distance of contacts of the feet from the true surface.
 //! 2. `steps`: 20 seeds over one step and up a flight: which heights the gait manages.
 //! 3. `shape`: height of the collision shape under soles against the number of its parts.
+//! 4. `bodies`: a box, a ball and a stand at rest in MuJoCo and in `rapier3d`, over time steps.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -16,6 +17,7 @@ use anyhow::{Context, Result, bail};
 use serde_json::{Value, json};
 use terrain::FusionConfig;
 
+mod bodies;
 mod charts;
 mod course;
 mod model;
@@ -30,7 +32,7 @@ use crate::terrain::walks::WALKS;
 use crate::{arguments, meter, python, report, stamp};
 use values::{CONTACT_GOAL_MM, entries};
 
-const PARTS: [&str; 3] = ["walks", "steps", "shape"];
+const PARTS: [&str; 4] = ["bodies", "walks", "steps", "shape"];
 /// Pavement with kerbs, and stairs, of 672x376.
 const GROUNDS: [usize; 2] = [0, 1];
 const SEEDS: usize = 20;
@@ -59,6 +61,9 @@ pub(crate) fn run(args: &[String]) -> Result<()> {
         report::write_charts(&options.out, charts::draw(&report))?;
         Ok(())
     };
+    if has("bodies") {
+        add("bodies", bodies::bodies(&folder("bodies")?)?)?;
+    }
     if has("steps") {
         add("steps", steps(options.seeds)?)?;
     }

@@ -9,6 +9,8 @@
 //!    and look-ups in the map.
 //! 3. `support`: PSNR of held-out views by their distance and angle from recorded ones, and the
 //!    error of the support map on views that it was not fitted to.
+//! 4. `changes`: frames at changes of sectors, loaded ahead, cross-faded and cold, on a synthetic
+//!    loop of four sectors.
 //!
 //! Beside the elapsed time stands the processor time, which other load of the machine changes less.
 
@@ -16,7 +18,9 @@ use std::fs;
 use std::path::PathBuf;
 
 use anyhow::{Context, Result, bail, ensure};
+use serde_json::Value;
 
+mod changes;
 mod charts;
 mod episode;
 mod opened_scene;
@@ -26,7 +30,7 @@ mod support;
 use crate::{arguments, report, stamp};
 use opened_scene::OpenedScene;
 
-const PARTS: [&str; 3] = ["sizes", "episode", "support"];
+const PARTS: [&str; 4] = ["sizes", "episode", "support", "changes"];
 const DEMO: &str = "target/demo/walk.scene";
 
 /// Runs the benchmark: `[--quick] [--only PART,...] [--scene PATH] [--out DIR]`.
@@ -39,16 +43,14 @@ pub(crate) fn run(args: &[String]) -> Result<()> {
     fs::create_dir_all(&options.out)
         .with_context(|| format!("making {}", options.out.display()))?;
     let stamp = stamp::stamp("sim_render", args)?;
-    let scene = OpenedScene::new(&options.scene)?;
+    let mut scene = None;
     let path = options.out.join("sim_render.json");
     let mut report = report::read(&path)?;
     for part in &options.parts {
         let mut row = match part.as_str() {
-            "sizes" => sizes::measure(&scene, options.quick)?,
-            "episode" => episode::measure(&scene, options.quick)?,
-            _ => support::measure(&scene, &options.out)?,
+            "changes" => changes::measure(options.quick)?,
+            _ => of_scene(part, &mut scene, &options)?,
         };
-        row["scene"] = scene.row();
         row["stamp"] = stamp.clone();
         println!("{row:#}");
         report.insert(part.clone(), row);
@@ -56,6 +58,21 @@ pub(crate) fn run(args: &[String]) -> Result<()> {
     }
     report::write_charts(&options.out, charts::draw(&report))?;
     Ok(())
+}
+
+/// A part that is measured on the scene, which is opened for the first of them.
+fn of_scene(part: &str, opened: &mut Option<OpenedScene>, options: &Options) -> Result<Value> {
+    let scene = match opened {
+        Some(scene) => scene,
+        None => opened.insert(OpenedScene::new(&options.scene)?),
+    };
+    let mut row = match part {
+        "sizes" => sizes::measure(scene, options.quick)?,
+        "episode" => episode::measure(scene, options.quick)?,
+        _ => support::measure(scene, &options.out)?,
+    };
+    row["scene"] = scene.row();
+    Ok(row)
 }
 
 struct Options {
@@ -87,7 +104,7 @@ impl Options {
             }
         }
         ensure!(
-            parsed.scene.exists(),
+            parsed.scene.exists() || parsed.parts == ["changes"],
             "there is no scene {}: `cargo xtask demo` makes one, or name another with --scene",
             parsed.scene.display()
         );

@@ -14,7 +14,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use anyhow::{Context, Result, bail};
-use serde_json::{Map, Value, json};
+use serde_json::json;
 use simulation::SceneData;
 use simulation::testing::SyntheticScene;
 
@@ -24,7 +24,7 @@ mod memory;
 mod throughput;
 mod world;
 
-use crate::{arguments, stamp};
+use crate::{arguments, report, stamp};
 
 const PARTS: [&str; 3] = ["throughput", "memory", "costs"];
 
@@ -39,8 +39,8 @@ pub(crate) fn run(args: &[String]) -> Result<()> {
         .with_context(|| format!("making {}", options.out.display()))?;
     let stamp = stamp::stamp("sim_step", args)?;
     let scenes = scenes(&options.scene)?;
-    let mut report = Map::new();
-    report.insert("stamp".to_owned(), stamp);
+    let path = options.out.join("sim_step.json");
+    let mut report = report::read(&path)?;
     for part in &options.parts {
         let mut rows = Vec::new();
         for (name, scene) in &scenes {
@@ -54,17 +54,12 @@ pub(crate) fn run(args: &[String]) -> Result<()> {
             println!("{row:#}");
             rows.push(row);
         }
-        report.insert(part.clone(), Value::Array(rows));
+        report.insert(part.clone(), json!({ "stamp": stamp, "rows": rows }));
+        report::write(&path, &report)?;
     }
-    let path = options.out.join("sim_step.json");
-    let report = Value::Object(report);
-    fs::write(&path, format!("{report:#}\n"))
-        .with_context(|| format!("writing {}", path.display()))?;
-    if let Some(chart) = charts::throughput(&report) {
-        let path = options.out.join("sim-step.svg");
-        fs::write(&path, chart).with_context(|| format!("writing {}", path.display()))?;
-    }
-    Ok(())
+    let chart = report.get("throughput").and_then(charts::throughput);
+    let charts = chart.map(|svg| ("sim_step-throughput.svg".to_owned(), svg));
+    report::write_charts(&options.out, charts.into_iter().collect())
 }
 
 /// Scenes with their names: a synthetic one of four sectors, and a reconstructed one.

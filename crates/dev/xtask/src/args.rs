@@ -28,7 +28,7 @@ cargo xtask VERB: set-up and developer verbs
         `svg`).
   bench NAME [--no-install] [ARGS...]
         Run a benchmark (archive, sync, frame_sync, frames_kept, encode, import, soak, kills, power_cuts, vm_cost, sim, sim_images,
-        sim_learn, sim_physics, sim_render, sim_step, calib, camera_imu, rectify, calib_verify, depth, odometry,
+        sim_learn, sim_physics, sim_render, sim_step, sim_truth, calib, camera_imu, rectify, calib_verify, depth, odometry,
         odometry_calibration, odometry_faults, odometry_encoding, odometry_length, odometry_monte_carlo, odometry_scale, gtsam,
         foreign, feet, feet_camera, feet_faults, feet_length, splats, confidence, tag_detectors, terrain, render, or all) in release
         mode; results go to docs/benchmarks. ARGS are handed to the benchmark. `usd` runs OpenUSD's validators on an export
@@ -63,7 +63,7 @@ Exit code: 0 fine, 1 failed, 2 bad arguments, 3 finished with loss (demo).
 ";
 
 /// The benchmarks, in the order in which `bench all` runs them.
-pub(crate) const BENCHMARKS: [&str; 40] = [
+pub(crate) const BENCHMARKS: [&str; 41] = [
     "archive",
     "sync",
     "frame_sync",
@@ -80,6 +80,7 @@ pub(crate) const BENCHMARKS: [&str; 40] = [
     "sim_physics",
     "sim_render",
     "sim_step",
+    "sim_truth",
     "calib",
     "camera_imu",
     "rectify",

@@ -132,9 +132,18 @@ fn content_does_not_depend_on_what_was_loaded_before() {
     let ahead = GaussianStore::new(scene.clone(), budget(&scene, 4));
     ahead.update(&[(0, [6.0, 1.0, 0.0])]).unwrap();
     ahead.wait_for_prefetch();
-    let cold = GaussianStore::new(scene.clone(), budget(&scene, 1));
-    let [a, b] = [&ahead, &cold].map(|store| store.content(1).unwrap());
-    assert_eq!(a.exact.splats, b.exact.splats);
+    // A store in which each sector makes the one before leave.
+    let single = GaussianStore::new(scene.clone(), budget(&scene, 1));
+    for sector in [2, 1, 0, 3, 1] {
+        let source = scene.sectors[sector].gaussians.as_ref().unwrap();
+        let expected = source.load().unwrap();
+        for store in [&ahead, &single] {
+            let content = store.content(sector).unwrap();
+            assert_eq!(content.exact.splats, expected.splats, "sector {sector}");
+        }
+        let other = scene.sectors[(sector + 1) % 4].gaussians.as_ref().unwrap();
+        assert_ne!(expected.splats, other.load().unwrap().splats);
+    }
 }
 
 #[test]

@@ -187,14 +187,23 @@ fn actions_beyond_one_are_clipped_and_counted() {
 
 #[test]
 fn failed_resets_change_nothing() {
-    let mut world = World::new(room(), config(4, Task::PointGoal)).unwrap();
-    world.reset(None, None).unwrap();
-    world.step(&[0.5; 8]).unwrap();
+    let mut worlds = [0, 1].map(|_| World::new(room(), config(4, Task::PointGoal)).unwrap());
+    for world in &mut worlds {
+        world.reset(None, None).unwrap();
+        world.step(&[0.5; 8]).unwrap();
+    }
+    let [mut world, mut twin] = worlds;
     let before: Vec<_> = (0..4).map(|i| bits(&world, i)).collect();
     assert!(world.reset(Some(&[true; 3]), None).is_err());
     assert!(world.reset(None, Some(&[1; 5])).is_err());
     let after: Vec<_> = (0..4).map(|i| bits(&world, i)).collect();
     assert!(before == after);
+    // Nor what comes after: draws of the next episode, and the steps in it.
+    for world in [&mut world, &mut twin] {
+        world.reset(None, None).unwrap();
+        world.step(&[0.5; 8]).unwrap();
+    }
+    assert!((0..4).all(|i| bits(&world, i) == bits(&twin, i)));
 }
 
 #[test]
@@ -297,7 +306,7 @@ fn sectors_are_crossed_around_the_corridor() {
     config.start.mode = StartMode::Recorded;
     let mut world = World::new(scene, config).unwrap();
     world.reset(None, None).unwrap();
-    let mut sectors = std::collections::BTreeSet::new();
+    let mut crossings = Vec::new();
     // Along the middle of each side, a quarter turn at its end.
     let mut state = AgentState {
         position_m: [1.0, 1.0, world.states()[0].position_m[2]],
@@ -309,7 +318,6 @@ fn sectors_are_crossed_around_the_corridor() {
     world.place(0, sector, &state).unwrap();
     for _ in 0..600 {
         let (sector, pose) = world.world_from_camera(0);
-        sectors.insert(sector);
         let [x, y, _] = pose.translation_m();
         let yaw = world.states()[0].yaw_rad;
         let heading = if x > 11.0 - 0.05 {
@@ -320,11 +328,18 @@ fn sectors_are_crossed_around_the_corridor() {
         let turn = (2.0 * (heading - yaw)).clamp(-1.0, 1.0);
         let speed = if turn.abs() > 0.5 { 0.0 } else { 0.7 };
         world.step(&[speed, turn]).unwrap();
-        if world.has_ended(0) {
-            world.reset(None, None).unwrap();
+        assert!(!world.has_ended(0), "after {crossings:?}");
+        let next = world.world_from_camera(0).0;
+        if next != sector {
+            crossings.push([sector, next]);
         }
     }
-    assert_eq!(sectors.len(), 4, "{sectors:?}");
+    // Around in one episode, each border once and in its order.
+    assert!(crossings.len() >= 4, "{crossings:?}");
+    assert!(
+        crossings.iter().all(|[from, to]| *to == (from + 1) % 4),
+        "{crossings:?}"
+    );
 }
 
 #[test]

@@ -3,7 +3,7 @@
 use charts::{Axis, Chart, Series};
 use serde_json::{Map, Value};
 
-use super::values::{CONTACT_GOAL_MM, entries};
+use super::values::{CONTACT_GOAL_MM, REST_GOAL_MM, entries};
 use crate::stamp;
 
 const WIDTH: u32 = 760;
@@ -21,6 +21,12 @@ pub(super) fn draw(report: &Map<String, Value>) -> Vec<(String, String)> {
                 ("contacts", contacts(rows)),
             ],
             "steps" => vec![("steps", steps(rows))],
+            "bodies" => vec![
+                ("bodies", bodies(rows)),
+                ("bodies-difference", difference(rows)),
+                ("bodies-slip", slip(rows)),
+                ("bodies-sink", sink(rows)),
+            ],
             "shape" => vec![("shape", shape(rows))],
             _ => Vec::new(),
         };
@@ -103,6 +109,61 @@ fn steps(rows: &[Value]) -> Chart {
             (number(row, "step_cm"), 100.0 * share)
         });
         chart.series(Series::line(name, points))
+    })
+}
+
+/// A line per engine: the largest of all bodies over the time step.
+fn by_step(rows: &[Value], chart: Chart, value: impl Fn(&Value) -> Option<f64>) -> Chart {
+    let chart = chart.x_axis(Axis::log("time step", "ms"));
+    let engines = [("rapier3d", "rapier"), ("MuJoCo", "mujoco")];
+    engines.into_iter().fold(chart, |chart, (name, engine)| {
+        let own: Vec<&Value> = rows.iter().filter(|row| row["engine"] == engine).collect();
+        let mut steps: Vec<f64> = own.iter().map(|row| number(row, "step_ms")).collect();
+        steps.sort_by(f64::total_cmp);
+        steps.dedup();
+        let points = steps.into_iter().filter_map(|step| {
+            let at = own.iter().filter(|row| number(row, "step_ms") == step);
+            Some((step, at.filter_map(|row| value(row)).reduce(f64::max)?))
+        });
+        chart.series(Series::line(name, points))
+    })
+}
+
+fn bodies(rows: &[Value]) -> Chart {
+    let chart = Chart::new("Bodies at rest on level ground: error of their height")
+        .subtitle("the largest of a box, a ball and a stand, dropped and thrown")
+        .y_axis(Axis::linear("error of the height", "mm").include(0.0));
+    by_step(rows, chart, |row| {
+        Some(row["rest"]["height_error_mm"].as_f64()?.abs())
+    })
+    .hline(REST_GOAL_MM, "goal")
+}
+
+fn difference(rows: &[Value]) -> Chart {
+    let chart = Chart::new("Bodies at rest: height from that of MuJoCo at 0.5 ms")
+        .subtitle("the largest on a plane, a tread, a ramp and waves")
+        .y_axis(Axis::linear("difference of the height", "mm").include(0.0));
+    by_step(rows, chart, |row| row["from_mujoco"]["height_mm"].as_f64())
+}
+
+fn slip(rows: &[Value]) -> Chart {
+    let chart = Chart::new("Bodies dropped from 10 cm: way from where they were dropped")
+        .subtitle("the largest on level ground, where none is expected")
+        .y_axis(Axis::linear("slip", "mm").include(0.0));
+    by_step(rows, chart, |row| {
+        let is_level = !row["rest"]["height_error_mm"].is_null();
+        let slip_mm = row["rest"]["slip_mm"].as_f64()?;
+        (is_level && row["fall"] == "dropped").then_some(slip_mm)
+    })
+}
+
+fn sink(rows: &[Value]) -> Chart {
+    let chart = Chart::new("Bodies thrown down at 5 m/s: how deep they sink in")
+        .subtitle("the largest of a box, a ball and a stand, below their height at rest")
+        .y_axis(Axis::linear("depth", "mm").include(0.0));
+    by_step(rows, chart, |row| {
+        let sink_mm = row["rest"]["sink_mm"].as_f64()?;
+        (row["fall"] == "thrown").then_some(sink_mm)
     })
 }
 

@@ -1,9 +1,12 @@
-//! Values of the script, and the goal of contacts.
+//! Values of the script, and goals.
 
 use serde_json::Value;
 
 /// Farthest contact from the true surface, mm.
 pub(super) const CONTACT_GOAL_MM: f64 = 10.0;
+
+/// Largest error of the height of a body at rest on a plane, mm.
+pub(super) const REST_GOAL_MM: f64 = 2.0;
 
 /// Entries of an array; none of anything else.
 pub(super) fn entries(value: &Value) -> &[Value] {

@@ -20,6 +20,9 @@ pub(super) fn draw(report: &Map<String, Value>) -> Vec<(String, String)> {
     if let Some(part) = report.get("support") {
         drawn.push(("sim_render-support.svg", support_chart(part), part));
     }
+    if let Some(part) = report.get("changes") {
+        drawn.push(("sim_render-changes.svg", changes_chart(part), part));
+    }
     let svg = |(name, chart, part): (&str, Chart, &Value)| {
         let chart = chart.footnote(&stamp::source(&part["stamp"]));
         (name.to_owned(), chart.to_svg(WIDTH, HEIGHT))
@@ -109,4 +112,24 @@ fn support_chart(part: &Value) -> Chart {
             let name = walk["walk"].as_str().unwrap_or("?");
             chart.series(Series::scatter(name, points(&walk["samples"])))
         })
+}
+
+fn changes_chart(part: &Value) -> Chart {
+    let modes = rows(&part["rows"]);
+    let names = modes.iter().map(|row| row["mode"].as_str().unwrap_or("?"));
+    let of = |key: &str, share: &str| -> Vec<(f64, f64)> {
+        let at = |(place, row): (usize, &Value)| {
+            let median = number(&row["cpu_ms"]["usual"]["p50"]);
+            (place as f64, number(&row["cpu_ms"][key][share]) / median)
+        };
+        modes.iter().enumerate().map(at).collect()
+    };
+    Chart::new("Frames at changes of sectors over the median of the others")
+        .subtitle("processor time on one thread; a synthetic loop of four sectors")
+        .x_axis(Axis::categories("", names))
+        .y_axis(Axis::log("time over the median", ""))
+        .series(Series::scatter("others, 99.9 %", of("usual", "p999")))
+        .series(Series::scatter("at changes, median", of("changes", "p50")))
+        .series(Series::scatter("at changes, 99.9 %", of("changes", "p999")))
+        .hline(2.0, "goal prefetched")
 }

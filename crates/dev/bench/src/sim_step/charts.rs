@@ -13,8 +13,8 @@ const PYTHON_GOAL: f64 = 2e5;
 const THREADS: f64 = 2.0;
 
 /// Steps per second over the number of environments, where they were measured.
-pub(super) fn throughput(report: &Value) -> Option<String> {
-    let scenes = report["throughput"].as_array()?;
+pub(super) fn throughput(part: &Value) -> Option<String> {
+    let scenes = part["rows"].as_array()?;
     let chart = Chart::new("Steps per second without images")
         .subtitle(
             "Motion, collisions, observation, reward, resets; two threads by \
@@ -22,7 +22,7 @@ pub(super) fn throughput(report: &Value) -> Option<String> {
         )
         .x_axis(Axis::log("environments", ""))
         .y_axis(Axis::log("steps", "1/s"))
-        .footnote(&stamp::source(&report["stamp"]));
+        .footnote(&stamp::source(&part["stamp"]));
     let number = |value: &Value| value.as_f64().unwrap_or(f64::NAN);
     let chart = scenes.iter().fold(chart, |chart, scene| {
         let rows = scene["found"].as_array().map_or(&[][..], Vec::as_slice);

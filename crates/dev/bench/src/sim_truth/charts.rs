@@ -1,0 +1,103 @@
+//! Charts of `sim_truth`, drawn from its report.
+
+use charts::{Axis, Chart, Series};
+use serde_json::{Map, Value};
+
+use super::heights::GOAL_MM;
+use crate::stamp;
+
+const WIDTH: u32 = 760;
+const HEIGHT: u32 = 420;
+
+/// Names and texts of all charts that there are results for.
+pub(super) fn draw(report: &Map<String, Value>) -> Vec<(String, String)> {
+    let mut drawn = Vec::new();
+    if let Some(part) = report.get("heights") {
+        drawn.push(("sim_truth-heights.svg", heights(rows(&part["rows"])), part));
+    }
+    if let Some(part) = report.get("depth") {
+        let own = rows(&part["rows"]);
+        drawn.push(("sim_truth-depth.svg", depth(own), part));
+        drawn.push(("sim_truth-offsets.svg", offsets(own), part));
+    }
+    let svg = |(name, chart, part): (&str, Chart, &Value)| {
+        let chart = chart.footnote(&stamp::source(&part["stamp"]));
+        (name.to_owned(), chart.to_svg(WIDTH, HEIGHT))
+    };
+    drawn.into_iter().map(svg).collect()
+}
+
+fn rows(found: &Value) -> &[Value] {
+    found.as_array().map_or(&[], Vec::as_slice)
+}
+
+fn number(value: &Value) -> f64 {
+    value.as_f64().unwrap_or(f64::NAN)
+}
+
+fn name(walk: &Value) -> &str {
+    walk["walk"].as_str().unwrap_or("?")
+}
+
+fn heights(walks: &[Value]) -> Chart {
+    let of = |key: &str| {
+        let at =
+            |(place, walk): (usize, &Value)| (place as f64, number(&walk[key]["error"]["p95_mm"]));
+        walks.iter().enumerate().map(at).collect::<Vec<_>>()
+    };
+    Chart::new("Heights of the simulator's ground against the truth")
+        .subtitle("95th percentile; stereo depth, true poses")
+        .x_axis(Axis::categories("", walks.iter().map(name)))
+        .y_axis(Axis::linear("error of the height", "mm").include(0.0))
+        .series(Series::scatter("within 0.6 m of a footstep", of("near")))
+        .series(Series::scatter("at step edges", of("at_step_edges")))
+        .series(Series::scatter("elsewhere, to 2.5 m", of("elsewhere")))
+        .hline(GOAL_MM, "goal near footsteps")
+}
+
+/// Points of ranges with pixels: middle of the range, and a value.
+fn curve<'a>(row: &'a Value, key: &'a str) -> impl Iterator<Item = (f64, f64)> + 'a {
+    rows(&row["ranges"]).iter().filter_map(move |range| {
+        let middle_m = 0.5 * (number(&range["from_m"]) + number(&range["to_m"]));
+        Some((middle_m, range[key].as_f64()?))
+    })
+}
+
+fn on_path(walk: &Value) -> Option<&Value> {
+    let is_it = |row: &&Value| row["quality"] == "exact" && row["offset_m"] == 0.0;
+    rows(&walk["rows"]).iter().find(is_it)
+}
+
+fn depth(walks: &[Value]) -> Chart {
+    let chart = Chart::new("Depth of the simulator's cameras against the truth")
+        .subtitle("median at held-out poses on the path, exact renderer, 672x376")
+        .x_axis(Axis::linear("true depth", "m").include(0.0))
+        .y_axis(Axis::log("error of the depth", "mm"));
+    let chart = walks.iter().fold(chart, |chart, walk| match on_path(walk) {
+        Some(row) => chart.series(Series::line(name(walk), curve(row, "median_mm"))),
+        None => chart,
+    });
+    match walks.first().and_then(on_path) {
+        Some(row) => chart.series(Series::line("goal", curve(row, "goal_mm"))),
+        None => chart,
+    }
+}
+
+fn offsets(walks: &[Value]) -> Chart {
+    let chart = Chart::new("Depth of the simulator's cameras off the path")
+        .subtitle("median from 2 to 3 m of true depth, exact renderer, 672x376")
+        .x_axis(Axis::linear("offset from the path", "m").include(0.0))
+        .y_axis(Axis::log("error of the depth", "mm"));
+    walks.iter().fold(chart, |chart, walk| {
+        let exact = rows(&walk["rows"])
+            .iter()
+            .filter(|row| row["quality"] == "exact");
+        let points = exact.filter_map(|row| {
+            let range = rows(&row["ranges"])
+                .iter()
+                .find(|own| own["from_m"] == 2.0)?;
+            Some((number(&row["offset_m"]), range["median_mm"].as_f64()?))
+        });
+        chart.series(Series::line(name(walk), points))
+    })
+}

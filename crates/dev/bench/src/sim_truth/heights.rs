@@ -1,0 +1,114 @@
+//! Heights of the simulator's ground.
+
+use anyhow::Result;
+use scene_bundle::outputs::grid::Grid;
+use scene_bundle::outputs::maps::MapLevel;
+use serde_json::{Value, json};
+use simulation::{AgentConfig, Ground};
+use terrain::FusionConfig;
+use terrain::maps::Level;
+
+use crate::terrain::keyframes::{Source, depth_frames, keyframes};
+use crate::terrain::scores::Quantiles;
+use crate::terrain::surface::surface;
+use crate::terrain::truth::{Truth, horizontal_distance};
+use crate::terrain::walks::Walk;
+
+/// Heights are compared at the centers of cells of this size, m, which are not those of the maps.
+const SPACING_M: f64 = 0.07;
+/// Ground near footsteps, and all that is compared, m.
+const NEAR_M: f64 = 0.6;
+const FAR_M: f64 = 2.5;
+/// True ground is at most this much above the nearest footstep, m.
+const ABOVE_M: f64 = 0.4;
+/// Cells of the maps that touch a step edge have the height of one side.
+const EDGE_M: f64 = 0.05;
+/// Goals near footsteps, m, and of the share within two stated standard deviations elsewhere.
+pub(super) const GOAL_MM: f64 = 10.0;
+pub(super) const SHARE_GOAL: f64 = 0.95;
+
+/// # Errors
+/// A walk that cannot be rendered.
+pub(super) fn measure(walk: Walk) -> Result<Value> {
+    let prepared = walk.prepare()?;
+    let rendered = keyframes(&prepared, &prepared.keyframes()?)?;
+    let truth = Truth::new(&prepared);
+    let frames = depth_frames(&rendered, Source::Stereo)?;
+    let surface = surface(&frames, FusionConfig::default())?;
+    let levels = surface.levels.into_iter().map(stored).collect();
+    let ground = Ground::new(levels, &AgentConfig::default())?;
+    let (mut near, mut beside_edges, mut far) = (Vec::new(), Vec::new(), Vec::new());
+    let (mut places, mut unknown) = ([0, 0], [0, 0]);
+    for [x, y, step_z] in truth.cells(SPACING_M, FAR_M) {
+        let Some(true_m) = truth.ground([x, y, step_z], ABOVE_M) else {
+            continue;
+        };
+        let middles = truth.footprints.iter().map(|print| print.middle);
+        let distance_m = middles
+            .map(|middle| f64::hypot(middle[0] - x, middle[1] - y))
+            .fold(f64::INFINITY, f64::min);
+        let is_near = distance_m <= NEAR_M;
+        places[usize::from(!is_near)] += 1;
+        let Some(found) = ground.surface([x, y], true_m) else {
+            unknown[usize::from(!is_near)] += 1;
+            continue;
+        };
+        let error_m = found.height_m - true_m;
+        let at_edge = truth.edges.iter().any(|own| {
+            let z = own.edge.ends[0].z;
+            (z - true_m).abs() < ABOVE_M && horizontal_distance(&own.edge, [x, y, z]) < EDGE_M
+        });
+        match (is_near, at_edge) {
+            (true, false) => near.push(error_m.abs()),
+            (true, true) => beside_edges.push(error_m.abs()),
+            (false, _) => far.push((error_m.abs(), found.sigma_m)),
+        }
+    }
+    let within = far
+        .iter()
+        .filter(|(error_m, sigma_m)| *error_m <= 2.0 * sigma_m);
+    let share = |part: usize, whole: usize| part as f64 / whole.max(1) as f64;
+    Ok(json!({
+        "keyframes": frames.len(),
+        "near": {
+            "within_m": NEAR_M,
+            "error": Quantiles::of(near.iter().copied()),
+            "unknown_share": share(unknown[0], places[0]),
+        },
+        "at_step_edges": { "within_m": EDGE_M, "error": Quantiles::of(beside_edges.iter().copied()) },
+        "elsewhere": {
+            "to_m": FAR_M,
+            "error": Quantiles::of(far.iter().map(|(error_m, _)| *error_m)),
+            "share_within_two_sigmas": share(within.count(), far.len()),
+            "unknown_share": share(unknown[1], places[1]),
+        },
+        "goal": { "near_p95_mm": GOAL_MM, "share_within_two_sigmas": SHARE_GOAL },
+    }))
+}
+
+/// A level as the stage `maps` writes it.
+fn stored(level: Level) -> MapLevel {
+    let [columns, rows] = level.size;
+    MapLevel {
+        grid: Grid {
+            cell_m: level.cell_m,
+            origin_m: level.origin,
+            columns,
+            rows,
+        },
+        elevation: level.elevation,
+        lower: level.lower,
+        upper: level.upper,
+        sigma: level.sigma,
+        normal: level.normal,
+        slope: level.slope,
+        step: level.step,
+        roughness: level.roughness,
+        clearance: level.clearance,
+        traversability: level.traversability,
+        distance: level.distance,
+        occupancy: level.occupancy,
+        views: level.views,
+        flags: level.flags,
+    }
+}

@@ -1,0 +1,137 @@
+//! Collision geometry of a scene as shapes of the engine that do not move.
+
+use rapier3d::math::{Pose, Rotation, Vector};
+use rapier3d::parry::shape::{HeightField, HeightFieldCellStatus, HeightFieldFlags};
+use rapier3d::parry::utils::Array2;
+use rapier3d::prelude::{Collider, ColliderBuilder, SharedShape};
+use scene_bundle::outputs::collision::{Collision, ConvexPart, HeightLayer};
+
+use super::config::BodiesConfig;
+use super::single::vector;
+use crate::error::SimulationError;
+
+/// Cells of a height field, whose triangles have numbers of 32 bits.
+const MAX_CELLS: usize = 1 << 30;
+
+/// Shapes of the engine.
+pub(super) struct Ground {
+    pub(super) colliders: Vec<Collider>,
+    /// Convex parts without volume.
+    pub(super) parts_left_out: usize,
+    /// Of the geometry and the configuration.
+    pub(super) hash: blake3::Hash,
+}
+
+impl Ground {
+    pub(super) fn new(
+        collision: &Collision,
+        config: &BodiesConfig,
+    ) -> Result<Self, SimulationError> {
+        let mut hasher = blake3::Hasher::new();
+        // Numbers in their shortest form that gives the same bits.
+        hasher.update(format!("{config:?}").as_bytes());
+        let mut colliders = Vec::new();
+        for part in &collision.parts {
+            hasher.update(&(part.vertices_m.len() as u64).to_le_bytes());
+            for number in part.vertices_m.as_flattened() {
+                hasher.update(&number.to_le_bytes());
+            }
+            colliders.extend(convex_part(part));
+        }
+        let parts_left_out = collision.parts.len() - colliders.len();
+        for (number, layer) in collision.layers.iter().enumerate() {
+            let grid = &layer.grid;
+            for number in [grid.cell_m, grid.origin_m[0], grid.origin_m[1]] {
+                hasher.update(&number.to_le_bytes());
+            }
+            hasher.update(&(grid.columns as u64).to_le_bytes());
+            for height in &layer.heights_m {
+                hasher.update(&height.to_le_bytes());
+            }
+            colliders.extend(height_field(number, layer)?);
+        }
+        let friction = config.friction as f32;
+        let colliders = colliders.into_iter().map(|own| own.friction(friction));
+        Ok(Self {
+            colliders: colliders.map(|own| own.build()).collect(),
+            parts_left_out,
+            hash: hasher.finalize(),
+        })
+    }
+}
+
+/// The hull of a part, relative to its first vertex for the precision of its corners. `None`
+/// without volume.
+fn convex_part(part: &ConvexPart) -> Option<ColliderBuilder> {
+    let origin = *part.vertices_m.first()?;
+    let local = |vertex: &[f64; 3]| vector([0, 1, 2].map(|k| vertex[k] - origin[k]));
+    let points: Vec<Vector> = part.vertices_m.iter().map(local).collect();
+    Some(ColliderBuilder::convex_hull(&points)?.translation(vector(origin)))
+}
+
+/// A layer as a height field, with the triangles that MuJoCo has: each cell between four samples is
+/// cut from the sample of least x and y to that of greatest. `None` for a layer of one row or
+/// column, or of which nothing is known.
+fn height_field(
+    number: usize,
+    layer: &HeightLayer,
+) -> Result<Option<ColliderBuilder>, SimulationError> {
+    let grid = &layer.grid;
+    let (rows, columns) = (grid.rows, grid.columns);
+    if rows < 2 || columns < 2 {
+        return Ok(None);
+    }
+    if grid.cells() > MAX_CELLS {
+        return Err(SimulationError::Scene {
+            place: format!("collision layer {number}"),
+            found: format!("{columns} by {rows} cells"),
+            expected: format!("at most {MAX_CELLS} cells"),
+        });
+    }
+    let known = layer.heights_m.iter().copied().filter(|v| !v.is_nan());
+    let Some(lowest) = known.reduce(f32::min) else {
+        return Ok(None);
+    };
+    // The engine's height field has y up and its rows along z. It is rotated by 90 degrees about x,
+    // so that its rows are ours from the last to the first. Column-major.
+    let own = |i: usize, j: usize| layer.heights_m[(rows - 1 - i) * columns + j];
+    let places = (0..columns).flat_map(|j| (0..rows).map(move |i| (i, j)));
+    let heights = places.map(|(i, j)| match own(i, j) {
+        height if height.is_nan() => lowest,
+        height => height,
+    });
+    let heights = Array2::new(rows, columns, heights.collect());
+    let extent = |count: usize| ((count - 1) as f64 * grid.cell_m) as f32;
+    let scale = Vector::new(extent(columns), 1.0, extent(rows));
+    // Bodies that slide over flat ground do not hit the edges between its triangles.
+    let mut field = HeightField::with_flags(heights, scale, HeightFieldFlags::FIX_INTERNAL_EDGES);
+    for i in 0..rows - 1 {
+        for j in 0..columns - 1 {
+            let is_unknown = |corners: [(usize, usize); 3]| {
+                corners
+                    .iter()
+                    .any(|(down, right)| own(i + down, j + right).is_nan())
+            };
+            let mut status = HeightFieldCellStatus::default();
+            status.set(
+                HeightFieldCellStatus::LEFT_TRIANGLE_REMOVED,
+                is_unknown([(0, 0), (1, 0), (0, 1)]),
+            );
+            status.set(
+                HeightFieldCellStatus::RIGHT_TRIANGLE_REMOVED,
+                is_unknown([(1, 0), (1, 1), (0, 1)]),
+            );
+            field.set_cell_status(i, j, status);
+        }
+    }
+    let middle = |origin: f64, count: usize| origin + 0.5 * (count - 1) as f64 * grid.cell_m;
+    let place = [
+        middle(grid.origin_m[0], columns),
+        middle(grid.origin_m[1], rows),
+        0.0,
+    ];
+    let upright = Rotation::from_rotation_x(std::f32::consts::FRAC_PI_2);
+    let pose = Pose::from_parts(vector(place), upright);
+    let builder = ColliderBuilder::new(SharedShape::new(field)).position(pose);
+    Ok(Some(builder))
+}
