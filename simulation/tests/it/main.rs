@@ -1,5 +1,6 @@
-//! The program `paws-sim` on a bundle of a synthetic room.
+//! The program `paws-sim` on a bundle of a synthetic room, and worlds in several processes.
 
 mod bundle;
 mod film;
+mod processes;
 mod view;
