@@ -15,11 +15,13 @@ use crate::maps::{FREE, Level};
 use crate::planes::Planes;
 
 mod hull;
+mod layer;
 #[cfg(feature = "obstacles")]
 mod obstacles;
 mod pieces;
 mod prism;
 
+pub use layer::HeightLayer;
 #[cfg(feature = "obstacles")]
 pub use obstacles::{Obstacle, obstacle_parts};
 pub use prism::ConvexPart;
@@ -28,19 +30,6 @@ pub use prism::ConvexPart;
 const CELL_M: f64 = 0.25;
 /// Parts farther from the ground of a level belong to another one, m.
 const OTHER_LEVEL_M: f64 = 0.4;
-
-/// Heights of the ground of a level that is not plane.
-#[derive(Clone, Debug, PartialEq)]
-pub struct HeightLayer {
-    /// Edge of a cell, m.
-    pub cell_m: f64,
-    /// Center of the first cell, x and y in the world, m.
-    pub origin: [f64; 2],
-    /// Columns and rows.
-    pub size: [usize; 2],
-    /// Heights, row-major; NaN where unknown.
-    pub heights: Vec<f32>,
-}
 
 /// What parts cost and how well they stand for the ground.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
