@@ -30,7 +30,7 @@ impl HeightLayer {
 }
 
 /// The samples of a grid whose triangle contains a place, with their weights. Their sum is 1.
-fn corners(
+pub(super) fn corners(
     cell_m: f64,
     origin: [f64; 2],
     size: [usize; 2],
@@ -62,7 +62,7 @@ fn corners(
 }
 
 /// Mean of a triangle's values; NaN where one that counts is.
-fn weighted(corners: &[(usize, f64); 3], value: impl Fn(usize) -> f64) -> f64 {
+pub(super) fn weighted(corners: &[(usize, f64); 3], value: impl Fn(usize) -> f64) -> f64 {
     corners
         .iter()
         .filter(|(_, weight)| *weight > MIN_WEIGHT)
