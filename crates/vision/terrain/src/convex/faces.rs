@@ -19,6 +19,8 @@ const MIN_AREA_M2: f64 = 1e-9;
 pub(super) struct Face {
     /// Corners, counterclockwise, m.
     corners: Vec<[f64; 2]>,
+    /// Least and greatest coordinates of the corners, m.
+    bounds: [[f64; 2]; 2],
     /// A point of its plane, m.
     point: [f64; 3],
     /// Rise of its plane along x and y.
@@ -29,8 +31,13 @@ pub(super) struct Face {
 
 impl Face {
     fn new(corners: &[[f64; 3]], normal: [f64; 3], is_surface: bool) -> Self {
+        let bound = |pick: fn(f64, f64) -> f64| {
+            let of = |k: usize| corners.iter().map(|x| x[k]).reduce(pick);
+            [0, 1].map(|k| of(k).unwrap_or(f64::NAN))
+        };
         Self {
             corners: corners.iter().map(|x| [x[0], x[1]]).collect(),
+            bounds: [bound(f64::min), bound(f64::max)],
             point: corners[0],
             slope: [0, 1].map(|k| -normal[k] / normal[2]),
             is_surface,
@@ -44,7 +51,9 @@ impl Face {
     }
 
     pub(super) fn contains(&self, at: [f64; 2]) -> bool {
-        contains(&self.corners, at)
+        let [low, high] = self.bounds;
+        let is_near = (0..2).all(|k| at[k] >= low[k] && at[k] <= high[k]);
+        is_near && contains(&self.corners, at)
     }
 }
 
@@ -76,12 +85,10 @@ impl Faces {
         }
         let mut cells: BTreeMap<(i32, i32), Vec<u32>> = BTreeMap::new();
         for (number, face) in faces.iter().enumerate() {
-            let range = |k: usize| {
-                let all = face.corners.iter().map(|x| x[k]);
-                let low = all.clone().fold(f64::INFINITY, f64::min);
-                let high = all.fold(f64::NEG_INFINITY, f64::max);
-                (low / CELL_M).floor() as i32..=(high / CELL_M).floor() as i32
-            };
+            let [low, high] = face
+                .bounds
+                .map(|at| at.map(|v| (v / CELL_M).floor() as i32));
+            let range = |k: usize| low[k]..=high[k];
             for row in range(1) {
                 for column in range(0) {
                     cells.entry((row, column)).or_default().push(number as u32);

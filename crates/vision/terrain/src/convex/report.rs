@@ -1,12 +1,16 @@
 //! How well the collision surface stands for the ground.
 
+use rayon::prelude::*;
+
 use super::faces::Faces;
 use super::layer::{HeightLayer, corners, weighted};
 use crate::evaluate::ErrorQuantiles;
 use crate::maps::{FREE, Level};
 
 /// Places along an edge of a cell at which the surface is compared; the middle one is its center.
-const ACROSS: i32 = 3;
+const ACROSS: usize = 3;
+/// Places of a cell.
+const PLACES: usize = ACROSS * ACROSS;
 
 /// What parts cost and how well they stand for the ground.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -38,20 +42,19 @@ pub(super) fn report(
     let (mut errors, mut area) = (Vec::new(), 0.0);
     for (level, layer) in levels.iter().zip(layers) {
         let cell_m2 = level.cell_m * level.cell_m;
-        let place_m2 = cell_m2 / f64::from(ACROSS * ACROSS);
-        for index in 0..layer.heights.len() {
-            if level.occupancy[index] != FREE {
-                continue;
-            }
-            area += cell_m2;
-            let places = places(level.center(index), level.cell_m / f64::from(ACROSS));
-            for error in places.filter_map(|at| error(faces, level, layer, at)) {
-                errors.push(error);
-                match error > 0.0 {
-                    true => report.volume_added_m3 += error * place_m2,
-                    false => report.volume_missing_m3 -= error * place_m2,
-                }
-            }
+        let spacing = level.cell_m / ACROSS as f64;
+        let of_cell = |index: &usize| {
+            places(level.center(*index), spacing).map(|at| error(faces, level, layer, at))
+        };
+        let free = (0..layer.heights.len()).filter(|index| level.occupancy[*index] == FREE);
+        let free: Vec<usize> = free.collect();
+        area += cell_m2 * free.len() as f64;
+        let of_cells: Vec<[Option<f64>; PLACES]> = free.par_iter().map(of_cell).collect();
+        for error in of_cells.iter().flatten().flatten() {
+            let volume = error * cell_m2 / PLACES as f64;
+            errors.push(*error);
+            report.volume_added_m3 += volume.max(0.0);
+            report.volume_missing_m3 += (-volume).max(0.0);
         }
     }
     report.parts_per_100_m2 = 100.0 * report.parts as f64 / area.max(1e-9);
@@ -59,10 +62,12 @@ pub(super) fn report(
     report
 }
 
-fn places(center: [f64; 2], spacing: f64) -> impl Iterator<Item = [f64; 2]> {
-    let half = ACROSS / 2;
-    let all = (-half..=half).flat_map(move |up| (-half..=half).map(move |right| [right, up]));
-    all.map(move |step| [0, 1].map(|k| center[k] + f64::from(step[k]) * spacing))
+fn places(center: [f64; 2], spacing: f64) -> [[f64; 2]; PLACES] {
+    let half = (ACROSS / 2) as f64;
+    std::array::from_fn(|place| {
+        let step = [place % ACROSS, place / ACROSS];
+        [0, 1].map(|k| center[k] + (step[k] as f64 - half) * spacing)
+    })
 }
 
 /// Height of the collision surface above the ground of a level; `None` where that is not known, or
