@@ -31,7 +31,7 @@ impl Stage<Input> for MapsStage {
     }
 
     fn version(&self) -> u32 {
-        2
+        3
     }
 
     fn inputs(&self) -> &'static [&'static str] {

@@ -102,10 +102,7 @@ impl<'a> Table<'a> {
         let cell = [x, y].map(|v| (v / CELL_M).floor() as i32);
         let faces = self.faces.get(&cell).map_or(&[][..], Vec::as_slice);
         let of_parts = faces.iter().filter_map(|face| height(face, [x, y]));
-        let of_layers = self
-            .layers
-            .iter()
-            .filter_map(|layer| of_layer(layer, [x, y]));
+        let of_layers = self.layers.iter().filter_map(|layer| layer.height_at(x, y));
         of_parts
             .chain(of_layers)
             .filter(|height| (height - z).abs() < LEVEL_M)
@@ -133,39 +130,12 @@ fn height(face: &[Vector3<f64>], at: [f64; 2]) -> Option<f64> {
     .next()
 }
 
-/// Height of a layer between its cells; of the nearest cell where one of four is not known.
-fn of_layer(layer: &HeightLayer, at: [f64; 2]) -> Option<f64> {
-    let place = [0, 1].map(|k| (at[k] - layer.origin[k]) / layer.cell_m);
-    let cell = |column: f64, row: f64| {
-        let inside = column >= 0.0
-            && row >= 0.0
-            && column < layer.size[0] as f64
-            && row < layer.size[1] as f64;
-        let index = row as usize * layer.size[0] + column as usize;
-        let height = inside.then(|| f64::from(layer.heights[index]))?;
-        height.is_finite().then_some(height)
-    };
-    let [c, r] = place.map(f64::floor);
-    let [u, v] = [place[0] - c, place[1] - r];
-    let four = [
-        cell(c, r),
-        cell(c + 1.0, r),
-        cell(c, r + 1.0),
-        cell(c + 1.0, r + 1.0),
-    ];
-    if let [Some(a), Some(b), Some(c), Some(d)] = four {
-        let (upper, lower) = (a + (b - a) * u, c + (d - c) * u);
-        return Some(upper + (lower - upper) * v);
-    }
-    cell(place[0].round(), place[1].round())
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
 
     #[test]
-    fn faces_and_layers_have_their_heights() {
+    fn faces_have_their_heights() {
         let face = [
             [0.0, 0.0, 1.0],
             [2.0, 0.0, 2.0],
@@ -175,17 +145,5 @@ mod tests {
         let face = face.map(Vector3::from);
         assert!((height(&face, [1.0, 1.5]).unwrap() - 1.5).abs() < 1e-12);
         assert_eq!(height(&face, [2.5, 1.0]), None);
-        let layer = HeightLayer {
-            cell_m: 0.5,
-            origin: [0.0, 0.0],
-            size: [2, 2],
-            heights: vec![0.0, 1.0, 2.0, f32::NAN],
-        };
-        assert_eq!(of_layer(&layer, [0.4, 0.0]), Some(1.0));
-        let whole = HeightLayer {
-            heights: vec![0.0, 1.0, 2.0, 3.0],
-            ..layer
-        };
-        assert_eq!(of_layer(&whole, [0.25, 0.25]), Some(1.5));
     }
 }

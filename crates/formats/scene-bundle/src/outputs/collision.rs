@@ -1,9 +1,10 @@
 //! Output `collision`: convex parts for physics, and height layers for ground that is not plane.
 //!
-//! Contract: the collision surface at a place is the higher one of the parts and the layer of a
-//! level; the layer is lower than the parts wherever one covers it. Where nothing was seen there is
-//! neither. `collision.json` has the parts, the grids of the layers and the report; the heights are
-//! in `layer-N.npy`. Parts refer to planes of the output `terrain` by their index.
+//! Contract: the collision surface at a place is the higher one of the parts and the triangles of
+//! the layer of a level; the layer runs on a few millimetres below the parts, and lower beside
+//! steps. Where nothing was seen there is neither. `collision.json` has the parts, the grids of the
+//! layers and the report; the heights are in `layer-N.npy`. Parts refer to planes of the output
+//! `terrain` by their index.
 
 use serde::{Deserialize, Serialize};
 
@@ -67,7 +68,8 @@ impl PartKind {
     }
 }
 
-/// Heights of ground of a level.
+/// Heights of ground of a level. Between four of them are two triangles; the edge between both goes
+/// from the cell of least x and y to that of greatest x and y, as in MuJoCo's height fields.
 #[derive(Clone, Debug, PartialEq)]
 pub struct HeightLayer {
     /// Its cells. Heights are at their centers.
@@ -84,7 +86,7 @@ pub struct CollisionReport {
     pub parts: u64,
     /// Parts per 100 m2 of ground.
     pub parts_per_100_m2: f64,
-    /// Heights of the collision surface above the maps, in free cells.
+    /// Heights of the collision surface above the maps, at places of free cells and between them.
     pub height_errors: HeightErrors,
     /// Volume of the collision surface above the maps, m3.
     pub volume_added_m3: f64,

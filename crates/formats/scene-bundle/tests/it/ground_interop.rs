@@ -146,7 +146,27 @@ fn balls_come_to_rest_on_the_ground_in_mujoco() {
             let [x, y] = layer.grid.center_m(cell).map(|v| v + inside);
             [x, y, f64::from(layer.heights_m[cell])]
         });
-    let measured = [places.as_slice(), &corners].concat();
+    // In both triangles between three terraces and the unknown one, which is 1 m below the lowest
+    // height: those of the other diagonal have other heights.
+    let first = 9 * layer.grid.columns + 8;
+    let of_corner = |cell: usize| f64::from(layer.heights_m[cell]);
+    let above = of_corner(first + layer.grid.columns);
+    let unknown = f64::from(layer.heights_m[0]) - 1.0;
+    let between = [([0.75, 0.25], of_corner(first + 1)), ([0.25, 0.75], above)].map(
+        |(share, own): ([f64; 2], f64)| {
+            let [x, y] = layer.grid.center_m(first);
+            let at = [
+                x + share[0] * layer.grid.cell_m,
+                y + share[1] * layer.grid.cell_m,
+            ];
+            [
+                at[0],
+                at[1],
+                0.25 * of_corner(first) + 0.5 * own + 0.25 * unknown,
+            ]
+        },
+    );
+    let measured = [places.as_slice(), &corners, &between].concat();
     let rays: Vec<[f64; 2]> = measured
         .iter()
         .map(|[x, y, _]| [*x, *y])

@@ -2,7 +2,7 @@
 
 use nalgebra::Vector3;
 
-use super::hull::{contains, convex_hull, with_at_most};
+use super::hull::{convex_hull, with_at_most};
 use crate::config::ConvexConfig;
 use crate::edges::Edge;
 use crate::planes::Plane;
@@ -21,13 +21,6 @@ pub struct ConvexPart {
 }
 
 impl ConvexPart {
-    /// Height of its surface at a place, if it is ground there, m.
-    pub(super) fn height_at(&self, plane: &Plane, x: f64, y: f64) -> Option<f64> {
-        let height = plane.height_at(x, y)?;
-        let [s, t, _] = plane.frame.coordinates(&Vector3::new(x, y, height));
-        contains(&self.outline, [s, t]).then_some(height)
-    }
-
     /// Volume, m3.
     pub fn volume_m3(&self) -> f64 {
         let origin = Vector3::from(self.vertices[0]);

@@ -55,7 +55,7 @@ impl Plane {
     }
 
     /// One standard deviation along the normal at a point near the plane, m.
-    pub fn sigma_at(&self, x: [f64; 3]) -> f64 {
+    pub(crate) fn sigma_at(&self, x: [f64; 3]) -> f64 {
         let [s, t, _] = self.sums_frame.coordinates(&Vector3::from(x));
         let at = Vector3::new(1.0, s, t);
         at.dot(&(self.covariance * at)).max(0.0).sqrt()

@@ -1,0 +1,175 @@
+//! Heights of the layer of a level, so that its triangles and the parts make one surface.
+//!
+//! Contract: under a part the layer is `layer_seam_m` below its surface, so that it goes on without
+//! a ditch where the part ends. Beside a step it is below the lower ground instead, if parts cover
+//! all of the upper ground around the sample or leave out at most `max_smear_m`: then the step is
+//! as steep as the part's border. Where more is left out, and where no part is above a step, the
+//! step is a slope between two samples.
+
+use rayon::prelude::*;
+
+use super::faces::{Face, Faces};
+use super::layer::HeightLayer;
+use crate::config::ConvexConfig;
+use crate::maps::Level;
+
+/// Parts of an edge of a triangle between the places at which it is examined.
+const PARTS: usize = 4;
+/// Neighbors of a sample, counterclockwise: each with the next one makes one of its triangles.
+const AROUND: [[i64; 2]; 6] = [[1, 0], [1, 1], [0, 1], [-1, 0], [-1, -1], [0, -1]];
+
+/// The layer of a level over its parts.
+pub(super) fn height_layer(faces: &Faces, level: &Level, config: &ConvexConfig) -> HeightLayer {
+    let samples = 0..level.elevation.len();
+    let ground: Vec<Sample<'_>> = samples
+        .into_par_iter()
+        .map(|index| sample(faces, level, index, config))
+        .collect();
+    let layer = Layer {
+        faces,
+        level,
+        ground,
+        config,
+    };
+    let heights = (0..layer.ground.len()).into_par_iter();
+    HeightLayer {
+        cell_m: level.cell_m,
+        origin: level.origin,
+        size: level.size,
+        heights: heights.map(|index| layer.height(index) as f32).collect(),
+    }
+}
+
+/// Ground at a sample of the layer.
+#[derive(Clone, Copy)]
+struct Sample<'a> {
+    /// Of the level, or of the part where the level has none, m; NaN where unknown.
+    height: f64,
+    /// The surface of a part that stands for the ground here.
+    face: Option<&'a Face>,
+}
+
+struct Layer<'a> {
+    faces: &'a Faces,
+    level: &'a Level,
+    ground: Vec<Sample<'a>>,
+    config: &'a ConvexConfig,
+}
+
+/// The ground at a sample, with the highest part that stands for it. Ground that only a part has is
+/// of this level if the part is at the height of the level in a neighboring cell.
+fn sample<'a>(faces: &'a Faces, level: &Level, index: usize, config: &ConvexConfig) -> Sample<'a> {
+    let at = level.center(index);
+    let fits = |face: &Face, index: usize| {
+        let away = face.height(level.center(index)) - f64::from(level.elevation[index]);
+        away.abs() <= config.max_plane_distance_m
+    };
+    let is_known = level.has_height(index);
+    let stands = |face: &&Face| match is_known {
+        true => fits(face, index),
+        false => level
+            .near(index, 1.5 * level.cell_m)
+            .any(|(other, _)| fits(face, other)),
+    };
+    let surfaces = faces.at(at).filter(|face| face.is_surface);
+    let face = surfaces
+        .filter(stands)
+        .max_by(|a, b| a.height(at).total_cmp(&b.height(at)));
+    let height = match (is_known, face) {
+        (true, _) => f64::from(level.elevation[index]),
+        (false, Some(face)) => face.height(at),
+        (false, None) => f64::NAN,
+    };
+    Sample { height, face }
+}
+
+impl Layer<'_> {
+    fn height(&self, index: usize) -> f64 {
+        let own = self.ground[index];
+        let Some(face) = own.face else {
+            return own.height;
+        };
+        let surface = face.height(self.level.center(index));
+        let below = self.below_parts(index, face);
+        below.unwrap_or(surface).min(surface) - self.config.layer_seam_m
+    }
+
+    /// The neighbor in a direction, if the grid has one.
+    fn neighbor(&self, index: usize, [right, up]: [i64; 2]) -> Option<usize> {
+        let [columns, rows] = self.level.size.map(|count| count as i64);
+        let column = (index % self.level.size[0]) as i64 + right;
+        let row = (index / self.level.size[0]) as i64 + up;
+        let inside = (0..columns).contains(&column) && (0..rows).contains(&row);
+        inside.then_some((row * columns + column) as usize)
+    }
+
+    /// Whether the ground at a sample is at the height of a surface or above it, rather than below.
+    fn is_on(&self, face: &Face, index: usize) -> bool {
+        let plane = face.height(self.level.center(index));
+        self.ground[index].height >= plane - self.config.max_plane_distance_m
+    }
+
+    /// Least height of parts and lower ground around a sample; `None` if ground at the height of
+    /// its surface would be in a ditch with a layer below them.
+    fn below_parts(&self, index: usize, face: &Face) -> Option<f64> {
+        let around = AROUND.map(|step| self.neighbor(index, step));
+        let surface = |other: usize| face.height(self.level.center(other));
+        let is_inside = |other: usize| face.contains(self.level.center(other));
+        if around.iter().flatten().all(|other| is_inside(*other)) {
+            return Some(surface(index));
+        }
+        let mut least = f64::INFINITY;
+        for other in around.into_iter().flatten() {
+            let ground = self.ground[other];
+            match ground.face {
+                Some(part) => least = least.min(part.height(self.level.center(other))),
+                None if ground.height.is_nan() => {}
+                None if self.is_on(face, other) => return None,
+                None => least = least.min(ground.height + self.config.layer_seam_m),
+            }
+        }
+        for side in 0..around.len() {
+            let (first, second) = (around[side], around[(side + 1) % around.len()]);
+            if let (Some(first), Some(second)) = (first, second) {
+                least = least.min(self.below_triangle([index, first, second], face)?);
+            }
+        }
+        Some(least)
+    }
+
+    /// The same for a triangle of the layer. The sample is its first corner.
+    fn below_triangle(&self, corners: [usize; 3], face: &Face) -> Option<f64> {
+        let centers = corners.map(|index| self.level.center(index));
+        // Where a corner is unknown, the layer has no surface to be in a ditch.
+        let is_known = corners
+            .iter()
+            .all(|index| !self.ground[*index].height.is_nan());
+        let has_step = corners.iter().any(|index| !self.is_on(face, *index));
+        let mut least = f64::INFINITY;
+        for first in 1..=PARTS {
+            for second in 0..=PARTS - first {
+                let weights = [first, second, PARTS - first - second];
+                let at = [0, 1].map(|k| {
+                    let parts = weights.iter().zip(&centers);
+                    parts.map(|(w, x)| *w as f64 * x[k]).sum::<f64>() / PARTS as f64
+                });
+                let plane = face.height(at);
+                let top = self.faces.top(at, plane);
+                least = least.min(top.unwrap_or(f64::INFINITY));
+                let is_covered =
+                    top.is_some_and(|top| top >= plane - self.config.max_plane_distance_m);
+                if is_covered || !is_known {
+                    continue;
+                }
+                // The sample itself if others are as near.
+                let nearest = (0..3).rev().max_by_key(|k| weights[*k]).unwrap_or(0);
+                let away = [0, 1].map(|k| at[k] - centers[nearest][k]);
+                let is_left_out = has_step && away[0].hypot(away[1]) <= self.config.max_smear_m;
+                if self.is_on(face, corners[nearest]) && !is_left_out {
+                    return None;
+                }
+            }
+        }
+        Some(least)
+    }
+}
