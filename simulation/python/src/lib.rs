@@ -9,6 +9,7 @@ mod cameras;
 mod error;
 mod pool;
 mod scene;
+mod settings;
 mod world;
 
 use pyo3::prelude::*;
@@ -29,6 +30,19 @@ mod _core {
         error::add_to(module)?;
         module.add("REWARD_TERMS", simulation::REWARD_TERMS)?;
         module.add("__version__", env!("CARGO_PKG_VERSION"))
+    }
+
+    /// Refuses a camera that no image could be rendered with: its lens (width, height, fx, fy, cx,
+    /// cy) and its options as those of `Cameras.render`.
+    #[pyfunction]
+    fn check_camera(lens: (u32, u32, f64, f64, f64, f64), options: &str) -> PyResult<()> {
+        cameras::check(lens, options)
+    }
+
+    /// The whole timing of a camera as JSON: of its settings, or of a preset by its name, as JSON.
+    #[pyfunction]
+    fn timing(settings: &str) -> PyResult<String> {
+        world::timing(settings)
     }
 
     /// Sets the number of threads for steps and images; 0 is one per core. Results do not depend

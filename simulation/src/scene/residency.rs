@@ -191,8 +191,8 @@ impl GaussianStore {
         needed.sort_unstable();
         needed.dedup();
         self.fits(&needed)?;
-        // The sector is needed now: what other threads load meanwhile may exceed the budget until it
-        // leaves.
+        // The sector is needed now: what other threads load meanwhile may exceed the budget until
+        // it leaves.
         self.shared
             .make_room(&mut state, &needed, self.config.budget_bytes);
         state.slots.insert(sector, Slot::Loading);
