@@ -13,6 +13,7 @@ mod settings;
 mod world;
 
 use pyo3::prelude::*;
+use pyo3::types::PyDict;
 
 #[pymodule]
 mod _core {
@@ -29,6 +30,11 @@ mod _core {
     fn init(module: &Bound<'_, PyModule>) -> PyResult<()> {
         error::add_to(module)?;
         module.add("REWARD_TERMS", simulation::REWARD_TERMS)?;
+        let reasons = PyDict::new(module.py());
+        for reason in simulation::EndReason::ALL {
+            reasons.set_item(reason.name().to_uppercase(), reason as i8)?;
+        }
+        module.add("END_REASONS", reasons)?;
         module.add("__version__", env!("CARGO_PKG_VERSION"))
     }
 

@@ -6,6 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 REWARD_TERMS: list[str]
+# Names of the reasons why episodes end, with their codes.
+END_REASONS: dict[str, int]
 __version__: str
 
 class SceneError(Exception): ...

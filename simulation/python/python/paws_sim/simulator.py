@@ -6,7 +6,6 @@ import json
 import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from enum import IntEnum
 from typing import Any
 
 import numpy as np
@@ -30,20 +29,6 @@ _DISCRETE = {
         [0.0, -1.0, 0.0],
     ],
 }
-
-
-class EndReason(IntEnum):
-    """Codes of `info["end_reason"]`: below 10 terminated, others truncated by default."""
-
-    NONE = 0
-    GOAL = 1
-    FALL = 2
-    COLLISION = 3
-    TIME_LIMIT = 10
-    DEVIATION = 11
-    LEFT_MAP = 12
-    UNKNOWN_GROUND = 13
-    PHYSICS_FAULT = 14
 
 
 @dataclass(frozen=True)
