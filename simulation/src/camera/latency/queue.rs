@@ -161,8 +161,9 @@ impl FrameQueue {
                 ..unknown
             }
         };
-        queue.shown = frame(shown);
-        queue.in_transit.extend((shown + 1..=next).map(frame));
+        let mut frames = (shown..=next).map(frame);
+        queue.shown = frames.next()?;
+        queue.in_transit.extend(frames);
         Some(queue)
     }
 
