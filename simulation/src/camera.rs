@@ -20,6 +20,7 @@ use serde::{Deserialize, Serialize};
 
 pub use exposure::ExposureConfig;
 pub use frames::{CameraBatch, FrameBuffers, FrameRequest, Frames, NoiseKey, RenderReport};
+pub(crate) use latency::nanoseconds;
 pub use latency::{CameraSchedule, CameraView, Capture, FrameQueue, TimingConfig};
 pub use noise::NoiseConfig;
 pub use sensor::{DepthKind, Quality, ShutterConfig, pinhole, scaled_model};
@@ -116,9 +117,11 @@ impl CameraConfig {
         Ok(config)
     }
 
+    /// Whether images can be rendered with all settings.
+    ///
     /// # Errors
     /// [`SimulationError::Setting`] with the first setting that is out of its range.
-    pub(crate) fn check(&self) -> Result<(), SimulationError> {
+    pub fn check(&self) -> Result<(), SimulationError> {
         sensor::check_model(&self.model)?;
         self.timing.check()?;
         self.exposure.check()?;

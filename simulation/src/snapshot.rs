@@ -1,14 +1,17 @@
 //! Snapshots: everything that an environment needs to go on with the same bits.
 //!
 //! A snapshot is at most [`MAX_SNAPSHOT_BYTES`] long. It holds poses and counters, no images: a
-//! frame is a function of scene, pose, lens and seed. It belongs to its scene and configuration and
-//! can be restored into any environment of any world with these, in another process too.
+//! frame is a function of scene, pose, lens and seed, so that frames in transit are poses too. It
+//! belongs to its scene and configuration and can be restored into any environment of any world
+//! with these, in another process too.
 //!
 //! Layout, little endian: magic, version, hash of the scene, hash of the configuration, state,
-//! attachment with its length, BLAKE3 of all before (16 bytes).
+//! episode, frames of the camera where it has a timing, attachment with its length, BLAKE3 of all
+//! before (16 bytes).
 
 mod bytes;
 mod fields;
+mod queue;
 
 use bytes::{Reader, Writer};
 
@@ -23,12 +26,12 @@ use crate::world::rows::Rows;
 pub const MAX_SNAPSHOT_BYTES: usize = 4096;
 
 const MAGIC: [u8; 8] = *b"PAWS-env";
-const VERSION: u16 = 1;
+const VERSION: u16 = 2;
 const CHECKSUM_BYTES: usize = 16;
 
 impl World {
-    /// A snapshot of an environment, with an attachment of the caller, such as the queue of poses
-    /// of a delayed camera.
+    /// A snapshot of an environment, with an attachment of the caller, such as the state of physics
+    /// outside of this world.
     ///
     /// # Errors
     /// [`SimulationError::Setting`] without such an environment, [`SimulationError::Budget`] for an
@@ -44,6 +47,9 @@ impl World {
         writer.u32(kept.sector[environment]);
         fields::write_state(&mut writer, &kept.state[environment]);
         fields::write_episode(&mut writer, &kept.episode[environment]);
+        if let Some(queue) = &kept.queue[environment] {
+            queue::write(&mut writer, queue);
+        }
         writer.u32(u32::try_from(attachment.len()).unwrap_or(u32::MAX));
         writer.bytes(attachment);
         let mut snapshot = writer.into_bytes();
@@ -81,6 +87,10 @@ impl World {
             return Err(damaged(&format!("level {}", state.level)));
         }
         let episode = fields::read_episode(&mut reader)?;
+        let queue = match episode.phase {
+            Phase::New => None,
+            _ => queue::read(&mut reader, &self.shared, &episode)?.map(Box::new),
+        };
         let length = reader.u32()? as usize;
         let attachment = reader.bytes(length)?;
         reader.end()?;
@@ -111,6 +121,7 @@ impl World {
         *row.state = state;
         *row.episode = episode;
         *row.body_from_camera = episode.drawn.body_from_camera(&shared.mount);
+        *row.queue = queue;
         row.clear_step();
         report::report(shared, &mut row);
         Ok(attachment)

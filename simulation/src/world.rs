@@ -9,6 +9,7 @@ pub(crate) mod block;
 pub(crate) mod columns;
 pub(crate) mod config;
 pub(crate) mod environment;
+pub(crate) mod frames;
 pub(crate) mod observation;
 pub(crate) mod pursuit;
 pub(crate) mod report;
@@ -27,6 +28,7 @@ pub use result::StepResult;
 
 use crate::SimulationError;
 use crate::agent::AgentState;
+use crate::camera::{FrameRequest, NoiseKey};
 use crate::episode::task::{Task, goals};
 use crate::scene::SceneData;
 use environment::{Episode, EpisodeStart, Phase};
@@ -305,12 +307,26 @@ impl World {
         (episode.seed, episode.number)
     }
 
-    /// Latency of images in the episode of an environment, s.
+    /// The frame that the agent of an environment sees: with a [`WorldConfig::timing`] the newest
+    /// that was delivered, of age [`StepResult::frame_age_s`], otherwise that of now.
     ///
     /// # Panics
     /// Without such an environment.
-    pub fn latency_s(&self, environment: usize) -> f64 {
-        self.environments.episode[environment].drawn.latency_s
+    pub fn frame_request(&self, environment: usize) -> FrameRequest {
+        if let Some(queue) = &self.environments.queue[environment] {
+            return queue.request(0);
+        }
+        let (sector, world_from_camera) = self.world_from_camera(environment);
+        let episode = &self.environments.episode[environment];
+        FrameRequest {
+            noise: NoiseKey {
+                seed: episode.seed,
+                episode: episode.number,
+                frame: episode.steps,
+                camera: 0,
+            },
+            ..FrameRequest::new(sector, world_from_camera)
+        }
     }
 
     pub(crate) fn check_index(&self, environment: usize) -> Result<(), SimulationError> {

@@ -2,7 +2,7 @@
 
 use counting_allocator::{CountingAllocator, peak_of};
 use simulation::testing::SyntheticScene;
-use simulation::{Task, World, WorldConfig};
+use simulation::{Task, TimingConfig, World, WorldConfig};
 
 #[global_allocator]
 static ALLOCATOR: CountingAllocator = CountingAllocator;
@@ -10,13 +10,19 @@ static ALLOCATOR: CountingAllocator = CountingAllocator;
 #[test]
 fn steps_allocate_nothing() {
     let scene = SyntheticScene::room().unwrap().scene;
-    for task in [Task::PointGoal, Task::FollowPath, Task::Velocity] {
+    for (task, timing) in [
+        (Task::PointGoal, TimingConfig::default()),
+        (Task::FollowPath, TimingConfig::default()),
+        (Task::Velocity, TimingConfig::default()),
+        (Task::Velocity, TimingConfig::gauss_gym()),
+    ] {
         // So few environments that all are advanced by this thread.
         let mut config = WorldConfig {
             environments: 16,
             ..WorldConfig::default()
         };
         config.task.task = task;
+        config.timing = timing;
         config.task.goals = 2;
         let mut world = World::new(scene.clone(), config).unwrap();
         world.reset(None, None).unwrap();

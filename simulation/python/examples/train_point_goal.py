@@ -42,29 +42,41 @@ class Curve(BaseCallback):
         self.episodes = []
 
 
-def evaluate(scene, config, act, episodes: int, goal_seed: int, environments: int = 50) -> dict:
-    """Success, SPL and ends over episodes with goals of another seed."""
+def evaluate(
+    scene, config, act, episodes: int, goal_seed: int, environments: int = 50, **arguments
+) -> dict:
+    """Success, SPL, ends and the return of each episode, with goals of another seed. The other
+    arguments are those of `WalkVectorEnv`."""
+    environments = min(environments, episodes)
     config = {**config, "task": {**config["task"], "goal_seed": goal_seed, "goals": episodes}}
     envs = paws_sim.make_vec(
-        scene, environments, config=config, autoreset_mode=AutoresetMode.SAME_STEP
+        scene,
+        environments,
+        config=config,
+        autoreset_mode=AutoresetMode.SAME_STEP,
+        **arguments,
     )
     observations, _ = envs.reset(seed=1_000_000)
-    # A fixed number per environment: whoever is fast must not be counted more often.
+    # A fixed number per environment: fast ones must not be counted more often.
     left = np.full(environments, episodes // environments)
-    results = []
+    results, returns, sums = [], [], np.zeros(environments)
     while left.any():
-        observations, _, terminated, truncated, info = envs.step(act(observations))
+        observations, rewards, terminated, truncated, info = envs.step(act(observations))
+        sums += rewards
         for index in np.flatnonzero(terminated | truncated):
             if left[index] > 0:
                 left[index] -= 1
                 final = info["final_info"]
                 results.append([final[k][index] for k in ("is_success", "spl", "end_reason")])
+                returns.append(float(sums[index]))
+            sums[index] = 0.0
     envs.close()
     success, spl, reasons = np.array(results, float).T
     names, counts = np.unique(reasons.astype(int), return_counts=True)
     return {
         "success": success.mean(),
         "spl": spl.mean(),
+        "returns": returns,
         "ends": {paws_sim.EndReason(n).name: int(c) for n, c in zip(names, counts)},
     }
 
@@ -93,6 +105,11 @@ def train(scene, config=CONFIG, steps: int = 200_000, seed: int = 0):
     return model, curve.points
 
 
+def summary(result: dict) -> dict:
+    """A result with the mean of its returns."""
+    return {**result, "returns": np.mean(result["returns"])}
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("scene")
@@ -104,14 +121,14 @@ def main() -> None:
     random = evaluate(
         scene, CONFIG, lambda o: generator.uniform(-1, 1, (len(o), 2)), episodes=200, goal_seed=1
     )
-    print("random:", random)
+    print("random:", summary(random))
     start = time.perf_counter()
     model, curve = train(scene, steps=arguments.steps, seed=arguments.seed)
     print(f"trained for {time.perf_counter() - start:.0f} s")
     for steps, success, returns in curve[:: max(1, len(curve) // 10)]:
         print(f"  {steps:7d} steps: success {success:.2f}, return {returns:6.2f}")
     act = lambda o: model.predict(o, deterministic=True)[0]
-    print("trained:", evaluate(scene, CONFIG, act, episodes=200, goal_seed=1))
+    print("trained:", summary(evaluate(scene, CONFIG, act, episodes=200, goal_seed=1)))
     model.save("point_goal")
 
 

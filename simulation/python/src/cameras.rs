@@ -12,14 +12,16 @@ use numpy::{
 };
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
+use serde_json::{Map, Value};
 use simulation::{
-    CameraBatch, CameraConfig, DepthKind, FrameRequest, Frames, GaussianStore, NoiseConfig,
-    NoiseKey, Quality, ResidencyConfig, SimulationError,
+    CameraBatch, CameraConfig, FrameRequest, Frames, GaussianStore, NoiseKey, ResidencyConfig,
+    SimulationError,
 };
 
 use crate::error::{BudgetError, SettingError, StateError, exception};
 use crate::pool::{self, Owner};
 use crate::scene::PyScene;
+use crate::settings;
 
 /// Frames between two looks whether a signal ended the wait: milliseconds for small images.
 const CHUNK: usize = 32;
@@ -137,32 +139,34 @@ impl PyCameras {
     }
 }
 
+/// Refuses a lens and options that no image could be rendered with.
+///
+/// # Errors
+/// [`SettingError`] with the name of the setting.
+pub(crate) fn check(lens: (u32, u32, f64, f64, f64, f64), options: &str) -> PyResult<()> {
+    let config = config(lens, options)?;
+    config.check().map_err(|error| exception(&error))
+}
+
 fn config(
     (width, height, fx, fy, cx, cy): (u32, u32, f64, f64, f64, f64),
     options: &str,
 ) -> PyResult<CameraConfig> {
     let model = CameraModel::new((width, height), [fx, fy, cx, cy], Distortion::None);
     let mut config = CameraConfig::new(model).map_err(|error| exception(&error))?;
-    let wrong = |error: serde_json::Error| SettingError::new_err(format!("camera: {error}"));
-    let options: serde_json::Map<String, serde_json::Value> =
-        serde_json::from_str(options).map_err(wrong)?;
+    let options: Map<String, Value> = settings::json("camera", options)?;
     for (name, value) in options {
-        let value = || value.clone();
+        let place = format!("camera.{name}");
         match name.as_str() {
-            "quality" => {
-                config.quality = serde_json::from_value::<Quality>(value()).map_err(wrong)?;
-            }
-            "depth" => {
-                config.depth = serde_json::from_value::<DepthKind>(value()).map_err(wrong)?;
-            }
-            "noise" => {
-                config.noise = serde_json::from_value::<NoiseConfig>(value()).map_err(wrong)?;
-            }
-            "far_m" => config.far_m = serde_json::from_value(value()).map_err(wrong)?,
-            "max_bytes" => config.max_bytes = serde_json::from_value(value()).map_err(wrong)?,
+            "quality" => config.quality = settings::value(&place, value)?,
+            "depth" => config.depth = settings::value(&place, value)?,
+            "noise" => config.noise = settings::fields(&place, value)?,
+            "far_m" => config.far_m = settings::value(&place, value)?,
+            "max_bytes" => config.max_bytes = settings::value(&place, value)?,
             _ => {
                 return Err(SettingError::new_err(format!(
-                    "camera: found {name:?}, expected quality, depth, noise, far_m or max_bytes"
+                    "{place}: found an unknown setting, expected quality, depth, noise, far_m, \
+                     max_bytes, width, height, fov, K or timing"
                 )));
             }
         }

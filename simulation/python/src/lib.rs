@@ -9,9 +9,11 @@ mod cameras;
 mod error;
 mod pool;
 mod scene;
+mod settings;
 mod world;
 
 use pyo3::prelude::*;
+use pyo3::types::PyDict;
 
 #[pymodule]
 mod _core {
@@ -28,7 +30,25 @@ mod _core {
     fn init(module: &Bound<'_, PyModule>) -> PyResult<()> {
         error::add_to(module)?;
         module.add("REWARD_TERMS", simulation::REWARD_TERMS)?;
+        let reasons = PyDict::new(module.py());
+        for reason in simulation::EndReason::ALL {
+            reasons.set_item(reason.name().to_uppercase(), reason as i8)?;
+        }
+        module.add("END_REASONS", reasons)?;
         module.add("__version__", env!("CARGO_PKG_VERSION"))
+    }
+
+    /// Refuses a camera that no image could be rendered with: its lens (width, height, fx, fy, cx,
+    /// cy) and its options as those of `Cameras.render`.
+    #[pyfunction]
+    fn check_camera(lens: (u32, u32, f64, f64, f64, f64), options: &str) -> PyResult<()> {
+        cameras::check(lens, options)
+    }
+
+    /// The whole timing of a camera as JSON: of its settings, or of a preset by its name, as JSON.
+    #[pyfunction]
+    fn timing(settings: &str) -> PyResult<String> {
+        world::timing(settings)
     }
 
     /// Sets the number of threads for steps and images; 0 is one per core. Results do not depend

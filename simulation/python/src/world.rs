@@ -12,12 +12,13 @@ use numpy::{
 };
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict, PyTuple};
-use simulation::{AgentState, World, WorldConfig};
+use simulation::{AgentState, FrameRequest, TimingConfig, World, WorldConfig};
 
 use self::autoreset::{Autoreset, Batch};
 use crate::error::{ActionError, SettingError, StateError, exception};
 use crate::pool::{self, Owner};
 use crate::scene::{PyScene, matrices};
+use crate::settings;
 
 /// Environments above which a step takes so long that a signal must end the wait for it: 50 ms
 /// of one core.
@@ -27,6 +28,12 @@ const LONG_STEP: usize = 8192;
 type Bounds<'py> = (Bound<'py, PyArray1<f32>>, Bound<'py, PyArray1<f32>>);
 /// Poses as matrices, and their sectors.
 type Poses<'py> = (Bound<'py, PyArray3<f64>>, Bound<'py, PyArray1<i64>>);
+/// The same with seed, episode and number of each frame.
+type PyFrames<'py> = (
+    Bound<'py, PyArray3<f64>>,
+    Bound<'py, PyArray1<i64>>,
+    Bound<'py, PyArray2<u64>>,
+);
 
 /// Environments with an agent each on one scene.
 #[pyclass(name = "World", module = "paws_sim._core", frozen)]
@@ -214,11 +221,22 @@ impl PyWorld {
         poses_and_sectors(py, &poses)
     }
 
+    /// The frames that all environments see, which may be late: poses `world_from_camera`, their
+    /// sectors, and seed, episode and number of each frame, shape (environments, 3).
+    fn frames<'py>(&self, py: Python<'py>) -> PyResult<PyFrames<'py>> {
+        let frames: Vec<_> = self.read(py, |batch| {
+            (0..self.environments)
+                .map(|index| batch.world.frame_request(index))
+                .collect()
+        })?;
+        frames_as_arrays(py, &frames)
+    }
+
     /// The same of the environments that ended in the last step and were reset in it, at the end.
-    fn final_camera_poses<'py>(&self, py: Python<'py>) -> PyResult<Poses<'py>> {
+    fn final_frames<'py>(&self, py: Python<'py>) -> PyResult<PyFrames<'py>> {
         self.read(py, |batch| {
             let ended = batch.ended.as_ref();
-            poses_and_sectors(py, ended.map_or(&[], |ended| &ended.cameras))
+            frames_as_arrays(py, ended.map_or(&[], |ended| &ended.frames))
         })?
     }
 
@@ -353,6 +371,22 @@ impl PyWorld {
     }
 }
 
+/// The whole timing of a camera as JSON, of settings or the name of a preset.
+///
+/// # Errors
+/// [`SettingError`] with the name of the setting.
+pub(crate) fn timing(settings: &str) -> PyResult<String> {
+    const PLACE: &str = "camera.timing";
+    let timing: TimingConfig = match settings::json(PLACE, settings)? {
+        serde_json::Value::String(name) => {
+            TimingConfig::preset(&name).map_err(|error| exception(&error))?
+        }
+        whole => settings::fields(PLACE, whole)?,
+    };
+    serde_json::to_string(&timing)
+        .map_err(|error| SettingError::new_err(format!("{PLACE}: {error}")))
+}
+
 fn poses_and_sectors<'py>(
     py: Python<'py>,
     poses: &[(usize, RigidTransform)],
@@ -360,6 +394,17 @@ fn poses_and_sectors<'py>(
     let sectors = poses.iter().map(|(sector, _)| *sector as i64).collect();
     let matrices = matrices(py, poses.iter().map(|(_, pose)| pose))?;
     Ok((matrices, PyArray1::from_vec(py, sectors)))
+}
+
+fn frames_as_arrays<'py>(py: Python<'py>, frames: &[FrameRequest]) -> PyResult<PyFrames<'py>> {
+    let sectors = frames.iter().map(|frame| frame.sector as i64).collect();
+    let poses = matrices(py, frames.iter().map(|frame| &frame.world_from_camera))?;
+    let keys = frames.iter().flat_map(|frame| {
+        let noise = &frame.noise;
+        [noise.seed, noise.episode, noise.frame]
+    });
+    let keys = PyArray1::from_vec(py, keys.collect()).reshape([frames.len(), 3])?;
+    Ok((poses, PyArray1::from_vec(py, sectors), keys))
 }
 
 fn locked(batch: &Mutex<Option<Batch>>) -> MutexGuard<'_, Option<Batch>> {

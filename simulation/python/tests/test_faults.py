@@ -276,7 +276,9 @@ class Module(unittest.TestCase):
         classes = [node for node in stubs if isinstance(node, ast.ClassDef)]
         functions = [node for node in stubs if isinstance(node, ast.FunctionDef)]
         public = {name for name in vars(_core) if not name.startswith("_")}
-        named = {node.name for node in (*classes, *functions)} | {"REWARD_TERMS"}
+        constants = [node for node in stubs if isinstance(node, ast.AnnAssign)]
+        named = {node.name for node in (*classes, *functions)}
+        named |= {node.target.id for node in constants} - {"__version__"}
         self.assertEqual(named, public)
         for node in classes:
             if issubclass(getattr(_core, node.name), BaseException):
@@ -284,6 +286,22 @@ class Module(unittest.TestCase):
             members = {of.name for of in node.body if isinstance(of, ast.FunctionDef)}
             found = {name for name in vars(getattr(_core, node.name)) if not name.startswith("_")}
             self.assertEqual(members - {"__init__"}, found, node.name)
+
+    def test_end_reasons_are_those_of_the_core_and_the_stub_has_them(self):
+        import ast
+        import pathlib
+        import pickle
+
+        found = {reason.name: reason.value for reason in paws_sim.EndReason}
+        self.assertEqual(found, _core.END_REASONS)
+        self.assertEqual(paws_sim.EndReason(10).name, "TIME_LIMIT")
+        for reason in paws_sim.EndReason:
+            self.assertIs(pickle.loads(pickle.dumps(reason)), reason)
+        text = pathlib.Path(paws_sim.__file__).with_name("end_reason.pyi").read_text()
+        (stub,) = (node for node in ast.parse(text).body if isinstance(node, ast.ClassDef))
+        members = [node for node in stub.body if isinstance(node, ast.Assign)]
+        named = {node.targets[0].id: node.value.value for node in members}
+        self.assertEqual(named, _core.END_REASONS)
 
     def test_threads_change_no_bit(self):
         results = []

@@ -149,16 +149,21 @@ pub(super) fn check_model(model: &CameraModel) -> Result<(), SimulationError> {
     let (width, height) = (model.width, model.height);
     let edges = 1..=MAX_EDGE_PX;
     let has_size = edges.contains(&width) && edges.contains(&height);
-    let (found, expected) = match model.invalid_reason() {
+    let (name, found, expected) = match model.invalid_reason() {
         _ if !has_size => {
+            let edge = if edges.contains(&width) {
+                "height"
+            } else {
+                "width"
+            };
             let expected = format!("1 to {MAX_EDGE_PX} px along both edges");
-            (format!("an image of {width}x{height}"), expected)
+            (edge, format!("an image of {width}x{height}"), expected)
         }
-        Some(reason) => (reason, "a valid lens".to_owned()),
+        Some(reason) => ("model", reason, "a valid lens".to_owned()),
         None => return Ok(()),
     };
     Err(SimulationError::Setting {
-        name: "camera.model".to_owned(),
+        name: format!("camera.{name}"),
         found,
         expected,
     })

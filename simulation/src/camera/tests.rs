@@ -188,6 +188,8 @@ fn settings_out_of_their_range_are_refused_by_name() {
     };
     assert!(refused(|c| c.far_m = f32::NAN).contains("far_m"));
     assert!(refused(|c| c.model.width = 20_000).contains("20000x8"));
+    assert!(refused(|c| c.model.width = 20_000).starts_with("camera.width"));
+    assert!(refused(|c| c.model.height = 0).starts_with("camera.height"));
     assert!(refused(|c| c.exposure.gain = 0.0).contains("gain"));
     assert!(refused(|c| c.noise.full_well_e = -1.0).contains("full_well_e"));
     assert!(refused(|c| c.shutter.blur_poses = 2).contains("odd"));

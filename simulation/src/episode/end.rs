@@ -49,10 +49,41 @@ impl EndReason {
         Self::TimeLimit,
     ];
 
+    /// Every reason, by its code.
+    pub const ALL: [Self; 9] = [
+        Self::None,
+        Self::Goal,
+        Self::Fall,
+        Self::Collision,
+        Self::TimeLimit,
+        Self::Deviation,
+        Self::LeftMap,
+        Self::UnknownGround,
+        Self::PhysicsFault,
+    ];
+
+    /// Its name in other languages, such as `time_limit`.
+    ///
+    /// ```
+    /// assert_eq!(simulation::EndReason::TimeLimit.name(), "time_limit");
+    /// ```
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::None => "none",
+            Self::Goal => "goal",
+            Self::Fall => "fall",
+            Self::Collision => "collision",
+            Self::TimeLimit => "time_limit",
+            Self::Deviation => "deviation",
+            Self::LeftMap => "left_map",
+            Self::UnknownGround => "unknown_ground",
+            Self::PhysicsFault => "physics_fault",
+        }
+    }
+
     /// The reason of a code.
     pub fn from_code(code: i8) -> Option<Self> {
-        let all = [Self::None].into_iter().chain(Self::BY_PRECEDENCE);
-        all.into_iter().find(|reason| *reason as i8 == code)
+        Self::ALL.into_iter().find(|reason| *reason as i8 == code)
     }
 }
 

@@ -20,8 +20,6 @@ config! {
         /// Rotation of the camera's mount about each axis, at most, rad. Source of a value:
         /// GaussGym, 0.03.
         pub mount_rad: f64 = 0.0,
-        /// Latency of images, s. Source of values: GaussGym, 0.12 to 0.3.
-        pub latency_s: [f64; 2] = [0.0, 0.0],
         /// Yaw that is added to that of the start in free space, rad.
         pub start_yaw_rad: [f64; 2] = [-std::f64::consts::PI, std::f64::consts::PI],
     }
@@ -32,7 +30,6 @@ config! {
 pub(crate) struct Drawn {
     pub(crate) speed_scale: f64,
     pub(crate) yaw_rate_scale: f64,
-    pub(crate) latency_s: f64,
     /// Translation, m, and rotation vector, rad, of the camera in the frame of its nominal mount.
     pub(crate) mount: [f64; 6],
 }
@@ -45,7 +42,6 @@ impl RandomizationConfig {
             ("yaw_rate_scale", self.yaw_rate_scale, [0.01, 100.0]),
             ("mount_m", [0.0, self.mount_m], [0.0, 10.0]),
             ("mount_rad", [0.0, self.mount_rad], [0.0, pi]),
-            ("latency_s", self.latency_s, [0.0, 100.0]),
             ("start_yaw_rad", self.start_yaw_rad, [-pi, pi]),
         ] {
             if !(least <= low && low <= high && high <= greatest) {
@@ -66,7 +62,6 @@ impl RandomizationConfig {
         Drawn {
             speed_scale: dynamics.range(0, self.speed_scale),
             yaw_rate_scale: dynamics.range(1, self.yaw_rate_scale),
-            latency_s: stream(Stream::Latency).range(0, self.latency_s),
             mount: std::array::from_fn(|k| {
                 let limit = limits[k / 3];
                 mount.range(k as u64, [-limit, limit])
@@ -80,7 +75,6 @@ impl Drawn {
     pub(crate) const NONE: Self = Self {
         speed_scale: 1.0,
         yaw_rate_scale: 1.0,
-        latency_s: 0.0,
         mount: [0.0; 6],
     };
 

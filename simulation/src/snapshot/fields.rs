@@ -43,7 +43,7 @@ pub(super) fn read_state(reader: &mut Reader<'_>) -> Result<AgentState, Simulati
     })
 }
 
-fn three(reader: &mut Reader<'_>) -> Result<[f64; 3], SimulationError> {
+pub(super) fn three(reader: &mut Reader<'_>) -> Result<[f64; 3], SimulationError> {
     Ok([reader.f64()?, reader.f64()?, reader.f64()?])
 }
 
@@ -69,7 +69,7 @@ pub(super) fn write_episode(writer: &mut Writer, episode: &Episode) {
     writer.u8(phase as u8);
     writer.u8(end as u8);
     writer.u8(u8::from(is_faulty));
-    for value in [drawn.speed_scale, drawn.yaw_rate_scale, drawn.latency_s] {
+    for value in [drawn.speed_scale, drawn.yaw_rate_scale] {
         writer.f64(value);
     }
     for value in drawn.mount {
@@ -115,7 +115,6 @@ pub(super) fn read_episode(reader: &mut Reader<'_>) -> Result<Episode, Simulatio
     let end = EndReason::from_code(code).ok_or_else(|| damaged(&format!("the end {code}")))?;
     let is_faulty = reader.bool()?;
     let (speed_scale, yaw_rate_scale) = (reader.f64()?, reader.f64()?);
-    let latency_s = reader.f64()?;
     let mut mount = [0.0; 6];
     for value in &mut mount {
         *value = reader.f64()?;
@@ -146,7 +145,6 @@ pub(super) fn read_episode(reader: &mut Reader<'_>) -> Result<Episode, Simulatio
         drawn: Drawn {
             speed_scale,
             yaw_rate_scale,
-            latency_s,
             mount,
         },
         target,

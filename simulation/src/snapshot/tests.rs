@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use super::*;
+use crate::camera::TimingConfig;
 use crate::scene::SceneData;
 use crate::testing::SyntheticScene;
 use crate::world::WorldConfig;
@@ -29,6 +30,9 @@ fn restored_environments_go_on_with_the_same_bits() {
             let mut config = config(40, task);
             config.randomization.speed_scale = [0.7, 1.3];
             config.randomization.mount_m = 0.02;
+            if t != 1 {
+                config.timing = TimingConfig::gauss_gym();
+            }
             let key = (number * 3 + t) as u64;
             let mut original = world(scene, config.clone());
             for _ in 0..random(key) % 150 {
@@ -158,8 +162,19 @@ fn damaged_snapshots_are_refused() {
 
 #[test]
 fn forged_snapshots_do_not_panic() {
+    for timing in [TimingConfig::default(), TimingConfig::gauss_gym()] {
+        forge(timing);
+    }
+}
+
+fn forge(timing: TimingConfig) {
     // With a correct checksum, so that every check after it is reached.
-    let mut here = world(&room(), config(1, Task::PointGoal));
+    let mut config = config(1, Task::PointGoal);
+    config.timing = timing;
+    let mut here = world(&room(), config);
+    for _ in 0..5 {
+        here.step(&[0.3, 0.1]).unwrap();
+    }
     let snapshot = here.save(0, &[]).unwrap();
     let content = &snapshot[..snapshot.len() - CHECKSUM_BYTES];
     let (mut refused, mut restored) = (0, 0);
@@ -180,4 +195,41 @@ fn forged_snapshots_do_not_panic() {
         }
     }
     assert!(refused > 1000 && restored > 1000, "{refused} {restored}");
+}
+
+#[test]
+fn the_longest_queue_fits() {
+    let mut config = config(1, Task::PointGoal);
+    // A latency of 16 intervals of 0.1 s.
+    config.timing = TimingConfig::regular(10.0, 1.6);
+    config.dt_s = 0.07;
+    let mut here = world(&room(), config);
+    let mut most = 0;
+    for _ in 0..40 {
+        here.step(&[0.1, 0.4]).unwrap();
+        let queue = here.environments.queue[0].as_ref().unwrap();
+        most = most.max(queue.in_transit.len());
+        let snapshot = here.save(0, &[0; 1024]).unwrap();
+        let before = here.environments.queue[0].clone();
+        here.restore(0, &snapshot).unwrap();
+        assert!(here.environments.queue[0] == before);
+    }
+    assert!((15..=17).contains(&most), "{most}");
+    // A queue with another number of frames than its steps allow.
+    let snapshot = here.save(0, &[]).unwrap();
+    let shown = here.environments.queue[0].as_ref().unwrap().shown.number;
+    let content = &snapshot[..snapshot.len() - CHECKSUM_BYTES];
+    let bytes = shown.to_le_bytes();
+    let at = (0..content.len() - 8)
+        .rfind(|at| content[*at..*at + 8] == bytes)
+        .unwrap();
+    let mut forged = content.to_vec();
+    forged[at..at + 8].copy_from_slice(&(shown + 1000).to_le_bytes());
+    let checksum = blake3::hash(&forged);
+    forged.extend_from_slice(&checksum.as_bytes()[..CHECKSUM_BYTES]);
+    let error = here.restore(0, &forged).unwrap_err().to_string();
+    assert!(
+        error.contains(&format!("frame {}", shown + 1000)),
+        "{error}"
+    );
 }

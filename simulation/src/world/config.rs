@@ -5,6 +5,7 @@ use estimator_config::config;
 use serde::{Deserialize, Serialize};
 
 use crate::agent::{AgentConfig, Drive};
+use crate::camera::{CameraConfig, TimingConfig};
 use crate::episode::{EndConfig, RandomizationConfig, RewardConfig, StartConfig, TaskConfig};
 use crate::error::{SimulationError, check_range};
 use crate::reference_poses::{DeviationConfig, SupportMap};
@@ -25,6 +26,9 @@ pub struct WorldConfig {
     pub agent: AgentConfig,
     /// The camera on the body. `None` is at eye height above the agent, level, facing forward.
     pub body_from_camera: Option<RigidTransform>,
+    /// When the camera captures, and when its frames are delivered. By default each step has the
+    /// frame of its end.
+    pub timing: TimingConfig,
     /// Which recorded camera supports a view.
     pub deviation: DeviationConfig,
     /// Predicted PSNR of views. `None` where it was not fitted.
@@ -75,6 +79,7 @@ impl Default for WorldConfig {
             drive: Drive::Differential,
             agent: AgentConfig::default(),
             body_from_camera: None,
+            timing: TimingConfig::default(),
             deviation: DeviationConfig::default(),
             support: None,
             start: StartConfig::default(),
@@ -88,6 +93,12 @@ impl Default for WorldConfig {
 }
 
 impl WorldConfig {
+    /// Takes mount and timing from a camera.
+    pub fn set_camera(&mut self, camera: &CameraConfig) {
+        self.body_from_camera = Some(camera.body_from_camera);
+        self.timing = camera.timing;
+    }
+
     /// # Errors
     /// [`SimulationError::Setting`] with the name of the first setting out of its range.
     pub(crate) fn check(&self) -> Result<(), SimulationError> {
@@ -97,6 +108,7 @@ impl WorldConfig {
         };
         count("environments", self.environments, 1, MAX_ENVIRONMENTS)?;
         check_range("dt_s", self.dt_s, [1e-4, 10.0], "0.0001 to 10 s")?;
+        self.timing.check_steps(self.dt_s)?;
         let observation = &self.observation;
         count("observation.scan_columns", observation.scan_columns, 0, 64)?;
         count("observation.scan_rows", observation.scan_rows, 0, 64)?;

@@ -1,6 +1,7 @@
 //! One environment: its episode, a step, a reset.
 
 use super::block::{OUTSIDE_MAP, UNKNOWN, block_code, is_collision};
+use super::frames;
 use super::pursuit::pursue;
 use super::report::{report, report_camera, report_numbers};
 use super::rows::Row;
@@ -166,6 +167,7 @@ pub(crate) fn reset(shared: &Shared, row: &mut Row<'_>, begin: &EpisodeStart) {
     *row.state = begin.state;
     *row.episode = begin.episode;
     *row.body_from_camera = begin.episode.drawn.body_from_camera(&shared.mount);
+    frames::begin(shared, row);
     row.clear_step();
     report(shared, row);
 }
@@ -236,6 +238,7 @@ pub(crate) fn step(shared: &Shared, row: &mut Row<'_>, action: &[f64]) {
     row.episode.collisions += u32::from(motion.blocked.is_some());
     row.episode.path_length_m += motion.distance_m;
     cross(shared, row);
+    frames::advance(shared, row);
     let too_far = report_camera(shared, row);
     let (mut terms, is_success) = pursue(shared, row, motion.blocked.is_some());
     let tilt_cosine = libm::cos(row.state.pitch_rad) * libm::cos(row.state.roll_rad);

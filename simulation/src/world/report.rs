@@ -1,6 +1,7 @@
 //! What is reported of an environment after a step or reset.
 
 use super::environment::Target;
+use super::frames;
 use super::observation::polar;
 use super::rows::Row;
 use super::shared::Shared;
@@ -15,7 +16,7 @@ pub(crate) fn report(shared: &Shared, row: &mut Row<'_>) {
 
 /// The deviation of the camera from recorded ones, and whether it is too far.
 pub(super) fn report_camera(shared: &Shared, row: &mut Row<'_>) -> bool {
-    let world_from_camera = row.state.world_from_body() * *row.body_from_camera;
+    let world_from_camera = frames::view(row).world_from_camera;
     let (deviation, support_db) = shared.deviation(*row.sector, &world_from_camera);
     *row.support_db = support_db as f32;
     let Some(deviation) = deviation else {
@@ -44,6 +45,7 @@ pub(super) fn report_numbers(shared: &Shared, row: &mut Row<'_>) {
         |share| weighted_by_path_length(share, episode.first_m, episode.path_length_m) as f32;
     *row.spl = by_length(success);
     *row.soft_spl = by_length(covered);
+    *row.frame_age_s = row.queue.as_ref().map_or(0.0, |queue| queue.age_s()) as f32;
     let (config, state) = (&shared.config, &*row.state);
     let terrain = &shared.terrains[*row.sector as usize];
     let target = match episode.target {

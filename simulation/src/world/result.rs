@@ -44,5 +44,8 @@ columns! {
         spl: f32 = 0.0,
         /// Share of the distance that was covered, weighted by path length.
         soft_spl: f32 = 0.0,
+        /// Time since the frame that is shown was captured, s; 0 where each step has the frame of
+        /// its end.
+        frame_age_s: f32 = 0.0,
     }
 }

@@ -6,6 +6,7 @@ use super::columns::columns;
 use super::environment::{Episode, Phase};
 use super::result::{ResultRows, StepResult};
 use crate::agent::AgentState;
+use crate::camera::FrameQueue;
 use crate::episode::{EndReason, REWARD_TERMS};
 
 columns! {
@@ -20,6 +21,8 @@ columns! {
         episode: Episode = Episode::new(0),
         /// The camera on its mount.
         body_from_camera: RigidTransform = RigidTransform::identity(),
+        /// Its frames. None before the first reset, and where each step has the frame of its end.
+        queue: Option<Box<FrameQueue>> = None,
     }
 }
 
@@ -38,6 +41,7 @@ pub(crate) struct Row<'a> {
     pub(crate) state: &'a mut AgentState,
     pub(crate) episode: &'a mut Episode,
     pub(crate) body_from_camera: &'a mut RigidTransform,
+    pub(crate) queue: &'a mut Option<Box<FrameQueue>>,
     pub(crate) observation: &'a mut [f32],
     pub(crate) rewards: &'a mut f64,
     pub(crate) reward_terms: &'a mut [f64; REWARD_TERMS.len()],
@@ -55,6 +59,7 @@ pub(crate) struct Row<'a> {
     pub(crate) remaining_m: &'a mut f32,
     pub(crate) spl: &'a mut f32,
     pub(crate) soft_spl: &'a mut f32,
+    pub(crate) frame_age_s: &'a mut f32,
 }
 
 /// Environments that one thread advances before it looks for others: about 0.1 ms of work.
@@ -111,6 +116,7 @@ impl<'a> Rows<'a> {
             state: &mut kept.state[at],
             episode: &mut kept.episode[at],
             body_from_camera: &mut kept.body_from_camera[at],
+            queue: &mut kept.queue[at],
             observation: &mut self.observations[at * len..(at + 1) * len],
             rewards: &mut result.rewards[at],
             reward_terms: &mut result.reward_terms[at],
@@ -128,6 +134,7 @@ impl<'a> Rows<'a> {
             remaining_m: &mut result.remaining_m[at],
             spl: &mut result.spl[at],
             soft_spl: &mut result.soft_spl[at],
+            frame_age_s: &mut result.frame_age_s[at],
         }
     }
 

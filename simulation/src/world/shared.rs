@@ -8,6 +8,7 @@ use super::config::WorldConfig;
 use super::observation::Layout;
 use crate::SimulationError;
 use crate::agent::AgentState;
+use crate::camera::nanoseconds;
 use crate::episode::path::Path;
 use crate::episode::start::candidates::Candidates;
 use crate::episode::task::goals::Goal;
@@ -40,6 +41,8 @@ pub(crate) struct Shared {
     /// Camera on the body without errors of its mount.
     pub(crate) mount: RigidTransform,
     pub(crate) max_steps: u64,
+    /// Duration of a step, ns.
+    pub(crate) step_ns: i64,
     /// Which recorded camera counts for the limits of the deviation.
     pub(crate) limits: DeviationConfig,
     pub(crate) config_hash: [u8; 32],
@@ -58,6 +61,7 @@ impl Shared {
             layout: Layout::new(&config),
             mount: config.nominal_mount(),
             max_steps: config.max_steps(),
+            step_ns: nanoseconds(config.dt_s),
             limits: config.end.units(),
             config_hash: config.hash(),
             goals: Vec::new(),

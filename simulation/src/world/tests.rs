@@ -9,6 +9,7 @@ mod ends;
 mod randomization;
 mod starts;
 mod steps;
+mod timing;
 
 pub(crate) fn room() -> Arc<SceneData> {
     SyntheticScene::room().unwrap().scene
@@ -61,6 +62,18 @@ pub(crate) fn step_and_reset(world: &mut World) {
     }
 }
 
+/// A frame as bits.
+pub(crate) fn frame_bits(frame: &FrameRequest) -> Vec<u64> {
+    let noise = frame.noise;
+    let mut bits = vec![frame.sector as u64, noise.seed, noise.episode, noise.frame];
+    let pose = frame.world_from_camera;
+    bits.extend(pose.translation_m().map(f64::to_bits));
+    bits.extend(pose.rotation_wxyz().map(f64::to_bits));
+    bits.extend(frame.velocity_m_s.map(f64::to_bits));
+    bits.extend(frame.rate_rad_s.map(f64::to_bits));
+    bits
+}
+
 /// Everything that is seen of an environment, as bits.
 pub(crate) fn bits(world: &World, environment: usize) -> Vec<u64> {
     let result = world.result();
@@ -86,6 +99,7 @@ pub(crate) fn bits(world: &World, environment: usize) -> Vec<u64> {
             result.remaining_m[environment],
             result.spl[environment],
             result.soft_spl[environment],
+            result.frame_age_s[environment],
         ]
         .map(|v| u64::from(v.to_bits())),
     );
@@ -110,5 +124,6 @@ pub(crate) fn bits(world: &World, environment: usize) -> Vec<u64> {
     bits.push(sector as u64);
     bits.extend(pose.translation_m().map(f64::to_bits));
     bits.extend(pose.rotation_wxyz().map(f64::to_bits));
+    bits.extend(frame_bits(&world.frame_request(environment)));
     bits
 }

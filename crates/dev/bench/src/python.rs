@@ -62,6 +62,8 @@ pub(crate) fn ask_with(interpreter: OsString, script: &str, question: &Value) ->
         .join(script);
     let mut child = Command::new(interpreter)
         .arg(path)
+        // Modules beside a script leave nothing in the folder of the sources.
+        .env("PYTHONDONTWRITEBYTECODE", "1")
         .stdin(Stdio::piped())
         .stdout(Stdio::piped())
         .spawn()

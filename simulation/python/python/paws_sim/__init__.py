@@ -27,9 +27,10 @@ from ._core import (
     set_threads,
 )
 from .cameras import Cameras
+from .end_reason import EndReason
 from .physics import BackendMissing
 from .registration import register
-from .simulator import EndReason, Inputs, open_scene
+from .simulator import Inputs, open_scene
 from .walk_env import WalkEnv
 from .walk_vector_env import WalkVectorEnv
 

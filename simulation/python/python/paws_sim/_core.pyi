@@ -6,6 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 REWARD_TERMS: list[str]
+# Names of the reasons why episodes end, with their codes.
+END_REASONS: dict[str, int]
 __version__: str
 
 class SceneError(Exception): ...
@@ -18,6 +20,12 @@ class SnapshotError(ValueError): ...
 
 def set_threads(threads: int) -> None:
     """Number of threads for steps and images, 0 for one per core. Results do not depend on it."""
+
+def check_camera(lens: tuple[int, int, float, float, float, float], options: str) -> None:
+    """Refuses a camera that no image could be rendered with."""
+
+def timing(settings: str) -> str:
+    """The whole timing of a camera as JSON, of settings or the name of a preset."""
 
 @final
 class Scene:
@@ -41,6 +49,8 @@ class Scene:
     def cameras(self, sector: int) -> list[dict[str, Any]]: ...
 
 _Numbers = dict[str, NDArray[Any]]
+# Poses, sectors, and seed, episode and number of each frame.
+_Frames = tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.uint64]]
 
 @final
 class World:
@@ -72,7 +82,8 @@ class World:
     def has_ended(self) -> NDArray[np.bool_]: ...
     def states(self) -> _Numbers: ...
     def camera_poses(self) -> tuple[NDArray[np.float64], NDArray[np.int64]]: ...
-    def final_camera_poses(self) -> tuple[NDArray[np.float64], NDArray[np.int64]]: ...
+    def frames(self) -> _Frames: ...
+    def final_frames(self) -> _Frames: ...
     def random_keys(self) -> NDArray[np.uint64]: ...
     def place(
         self,

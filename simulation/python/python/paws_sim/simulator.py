@@ -6,14 +6,13 @@ import json
 import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from enum import IntEnum
 from typing import Any
 
 import numpy as np
 from gymnasium import spaces
 
 from . import _core
-from .cameras import Cameras
+from .cameras import Cameras, check_camera, timing
 
 TASKS = ("point-goal", "follow-path", "velocity")
 PARTS = ("state", "rgb", "depth")
@@ -30,20 +29,6 @@ _DISCRETE = {
         [0.0, -1.0, 0.0],
     ],
 }
-
-
-class EndReason(IntEnum):
-    """Codes of `info["end_reason"]`: below 10 terminated, others truncated by default."""
-
-    NONE = 0
-    GOAL = 1
-    FALL = 2
-    COLLISION = 3
-    TIME_LIMIT = 10
-    DEVIATION = 11
-    LEFT_MAP = 12
-    UNKNOWN_GROUND = 13
-    PHYSICS_FAULT = 14
 
 
 @dataclass(frozen=True)
@@ -113,6 +98,11 @@ class Simulator:
         settings = merged({"task": {"task": task}}, config or {})
         settings["environments"] = environments
         settings.setdefault("seed", 0)
+        # Without a lens it has a field of view of 90 degrees.
+        self.camera = {"width": 64, "height": 64, "far_m": 20.0, **(camera or {})}
+        if "timing" in self.camera:
+            settings = merged(settings, {"timing": timing(self.camera.pop("timing"))})
+        check_camera(self.camera)
         if max_episode_steps is not None:
             dt_s = settings.get("dt_s", 0.1)
             limit = {"end": {"time_limit_s": max_episode_steps * dt_s}}
@@ -127,9 +117,8 @@ class Simulator:
         self.reward = reward
 
         self.parts = self._checked_parts(observation)
-        # Without a lens it has a field of view of 90 degrees.
-        self.camera = {"width": 64, "height": 64, "far_m": 20.0, **(camera or {})}
-        self.images = None
+        # Without Gaussians images are refused here.
+        self.images = None if self.parts == ("state",) else Cameras(self.scene)
         self.observation_space = self._observation_space()
         self._table = self._action_table(actions)
         size = self.world.action_size
@@ -211,26 +200,19 @@ class Simulator:
             )
         return np.ascontiguousarray(values)
 
-    def observe(self, state: np.ndarray, numbers: Mapping[str, np.ndarray]):
+    def observe(self, state: np.ndarray):
         """The observation of all environments after a step or reset."""
         if self.parts == ("state",):
             return state
-        poses, sectors = self.world.camera_poses()
-        keys = self.world.random_keys()
-        return self._observation(state, poses, sectors, keys, numbers["steps"])
+        return self._observation(state, *self.world.frames())
 
-    def final_observations(self, mask: np.ndarray, state: np.ndarray, numbers):
+    def final_observations(self, mask: np.ndarray, state: np.ndarray):
         """Those of the environments of a mask before their reset in the same step."""
         if self.parts == ("state",):
             return state[mask]
-        poses, sectors = self.world.final_camera_poses()
-        keys = self.world.random_keys()[mask]
-        # They were drawn with the number of the episode before.
-        keys[:, 1] -= 1
-        return self._observation(state[mask], poses, sectors, keys, numbers["steps"][mask])
+        return self._observation(state[mask], *self.world.final_frames())
 
-    def _observation(self, state, poses, sectors, keys, steps):
-        keys = np.column_stack([keys, steps.astype(np.uint64)])
+    def _observation(self, state, poses, sectors, keys):
         images = self.render(poses, sectors, keys, self.camera)
         whole = {"state": state, "rgb": images["rgb"], "depth": images["depth"][..., None]}
         return {part: whole[part] for part in self.parts}

@@ -23,12 +23,15 @@ class WalkEnv(gymnasium.Env):
     - `observation`: `state` for a vector, or some of `state`, `rgb`, `depth` for a dictionary.
     - `actions`: `continuous`, `discrete`, or a table (m, components) of components of -1 to 1.
     - `config`: nested settings of the world, such as `{"end": {"time_limit_s": 30.0}}`.
-    - `camera`: settings of the images: `width`, `height`, `fov` or `K`, `far_m`, `quality`, ...
+    - `camera`: settings of the images: `width`, `height`, `fov` or `K`, `far_m`, `quality`, ... and
+      `timing`: settings such as `{"interval_s": [0.1, 0.1], "latency_s": [0.1, 0.2]}`, or
+      `gauss_gym`. Images are late by it and have a rate of their own; `state` is not.
     - `reward`: a callable of `Inputs` that returns one number per environment.
 
     `info` holds numbers with the same keys and types in every step: `end_reason` (`EndReason`),
     `is_success`, `blocked`, `deviation_m`, `deviation_rad`, `support_db`, `collisions`, `clipped`,
-    `steps`, `path_length_m`, `remaining_m`, `spl`, `soft_spl`.
+    `steps`, `path_length_m`, `remaining_m`, `spl`, `soft_spl`, `frame_age_s` (the time since the
+    image was captured).
 
     `reset(options={"snapshot": bytes})` goes on from a snapshot of `save`.
     """
@@ -107,7 +110,7 @@ class WalkEnv(gymnasium.Env):
             world.reset(None, None if seed is None else [int(seed)])
             self._has_seed = True
         state, numbers = world.observations(), world.numbers()
-        return _first(self._simulator.observe(state, numbers)), _scalars(numbers)
+        return _first(self._simulator.observe(state)), _scalars(numbers)
 
     def step(self, action):
         """Advances by `dt_s` seconds."""
@@ -120,7 +123,7 @@ class WalkEnv(gymnasium.Env):
             rewards, commands, state, numbers, terminated, truncated, False
         )
         return (
-            _first(simulator.observe(state, numbers)),
+            _first(simulator.observe(state)),
             float(rewards[0]),
             bool(terminated[0]),
             bool(truncated[0]),

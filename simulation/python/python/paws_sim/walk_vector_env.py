@@ -143,7 +143,7 @@ class WalkVectorEnv(gymnasium.vector.VectorEnv):
         self._has_seed = True
         self._ended[slice(None) if mask is None else mask] = False
         state, numbers = world.observations(), world.numbers()
-        return self._simulator.observe(state, numbers), self._info(numbers, mask)
+        return self._simulator.observe(state), self._info(numbers, mask)
 
     def _seeds(self, seed) -> list[int | None] | None:
         if seed is None and not self._has_seed:
@@ -188,7 +188,7 @@ class WalkVectorEnv(gymnasium.vector.VectorEnv):
         if ended is not None:
             mask, final_state, final_numbers = ended
             info.update(self._final(mask, final_state, final_numbers))
-        return simulator.observe(state, numbers), rewards, terminated, truncated, info
+        return simulator.observe(state), rewards, terminated, truncated, info
 
     def _info(self, numbers: Mapping[str, np.ndarray], mask: np.ndarray | None) -> dict[str, Any]:
         info: dict[str, Any] = {}
@@ -198,7 +198,7 @@ class WalkVectorEnv(gymnasium.vector.VectorEnv):
         return info
 
     def _final(self, mask, state, numbers) -> dict[str, Any]:
-        observations = self._simulator.final_observations(mask, state, numbers)
+        observations = self._simulator.final_observations(mask, state)
         final = np.full(self.num_envs, None, dtype=object)
         for row, index in enumerate(np.flatnonzero(mask)):
             if isinstance(observations, dict):

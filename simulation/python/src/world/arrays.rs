@@ -30,6 +30,7 @@ pub(crate) fn numbers<'py>(py: Python<'py>, result: &StepResult) -> PyResult<Bou
     all.set_item("remaining_m", PyArray1::from_slice(py, &result.remaining_m))?;
     all.set_item("spl", PyArray1::from_slice(py, &result.spl))?;
     all.set_item("soft_spl", PyArray1::from_slice(py, &result.soft_spl))?;
+    all.set_item("frame_age_s", PyArray1::from_slice(py, &result.frame_age_s))?;
     Ok(all)
 }
 

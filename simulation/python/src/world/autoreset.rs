@@ -1,8 +1,7 @@
 //! When environments that ended are reset, as Gymnasium's vector environments name it.
 
-use cad_transforms::RigidTransform;
 use pyo3::PyResult;
-use simulation::{REWARD_TERMS, SimulationError, StepResult, World};
+use simulation::{FrameRequest, REWARD_TERMS, SimulationError, StepResult, World};
 
 use crate::error::SettingError;
 
@@ -55,8 +54,8 @@ pub(crate) struct Ended {
     /// Observations of all environments.
     pub(crate) observations: Vec<f32>,
     pub(crate) result: StepResult,
-    /// Sectors and poses of the cameras of those that ended.
-    pub(crate) cameras: Vec<(usize, RigidTransform)>,
+    /// The frames that those that ended saw last.
+    pub(crate) frames: Vec<FrameRequest>,
 }
 
 impl Batch {
@@ -136,9 +135,9 @@ impl Batch {
         let ended = Ended {
             observations: self.world.observations().to_vec(),
             result: self.world.result().clone(),
-            cameras: (0..mask.len())
+            frames: (0..mask.len())
                 .filter(|index| mask[*index])
-                .map(|index| self.world.world_from_camera(index))
+                .map(|index| self.world.frame_request(index))
                 .collect(),
             mask,
         };

@@ -1,6 +1,9 @@
 use std::sync::Arc;
 
+use cad_transforms::RigidTransform;
+
 use super::*;
+use crate::scene::SceneData;
 use crate::testing::SyntheticScene;
 
 fn scene() -> Arc<SceneData> {
@@ -41,9 +44,9 @@ fn the_newest_frame_is_that_of_the_closed_form_in_1000_random_schedules() {
         let mut now = 0;
         for step in 0..60 {
             let duration = draw(case, 100 + step, [1e6, 1.5e8]) as i64;
-            let [before, after] = [now, now + duration].map(|t| view(t as f64 * 1e-9, 0.0));
+            let after = view((now + duration) as f64 * 1e-9, 0.0);
             let old = queue.shown.number;
-            queue.advance(&scene, &before, &after, duration);
+            queue.advance(&scene, &after, duration);
             now += duration;
             // Independent of the queue: the largest index of all that are captured and delivered.
             let expected = if schedule.latency_ns[0] == schedule.latency_ns[1] {
@@ -76,7 +79,8 @@ fn the_newest_frame_is_that_of_the_closed_form_in_1000_random_schedules() {
             // Captured where the camera was at that time.
             let x = queue.shown.world_from_camera.translation_m()[0];
             assert!((x - time as f64 * 1e-9).abs() < 1e-12, "{x} {time}");
-            assert!(queue.in_transit.len() <= MAX_IN_TRANSIT as usize + 1);
+            assert!(queue.in_transit.len() <= queue::MAX_QUEUE);
+            assert_eq!(queue.in_transit.capacity(), queue::MAX_QUEUE);
         }
     }
     assert!(superseded > 1000, "{superseded}");
@@ -85,10 +89,14 @@ fn the_newest_frame_is_that_of_the_closed_form_in_1000_random_schedules() {
 #[test]
 fn the_frame_of_the_reset_is_shown_until_another_is_delivered() {
     let scene = scene();
-    let schedule = CameraSchedule::new(&TimingConfig::regular(20.0, 0.12), 1, 0).unwrap();
+    let config = TimingConfig {
+        phase: [0.5; 2],
+        ..TimingConfig::regular(20.0, 0.12)
+    };
+    let schedule = CameraSchedule::new(&config, 1, 0).unwrap();
     let mut queue = FrameQueue::new(schedule, &view(7.0, 0.0));
     for (step, number) in [(1, 0), (2, 0), (3, 1), (4, 2)] {
-        queue.advance(&scene, &view(0.0, 0.0), &view(1.0, 0.0), 50_000_000);
+        queue.advance(&scene, &view(1.0, 0.0), 50_000_000);
         assert_eq!(queue.shown.number, number, "step {step}");
         let is_reset = queue.shown.world_from_camera == view(7.0, 0.0).world_from_camera;
         assert_eq!(is_reset, number == 0);
@@ -101,12 +109,10 @@ fn without_an_interval_each_step_has_its_frame() {
     let schedule = CameraSchedule::new(&TimingConfig::default(), 1, 0).unwrap();
     let mut queue = FrameQueue::new(schedule, &view(0.0, 0.0));
     for step in 1..5 {
-        let [before, after] = [step - 1, step].map(|k| view(f64::from(k), 0.0));
-        queue.advance(&scene, &before, &after, 100_000_000);
+        let after = view(f64::from(step), 0.0);
+        queue.advance(&scene, &after, 100_000_000);
         assert_eq!((queue.shown.number, queue.age_s()), (step as u64, 0.0));
-        let shown = queue.shown.world_from_camera;
-        let error = (shown.inverse() * after.world_from_camera).distance_m();
-        assert!(error < 1e-12);
+        assert_eq!(queue.shown.world_from_camera, after.world_from_camera);
         assert!((queue.shown.velocity_m_s[0] - 10.0).abs() < 1e-9);
     }
 }
@@ -116,7 +122,7 @@ fn captures_between_steps_rotate_at_a_constant_rate() {
     let scene = scene();
     let schedule = CameraSchedule::new(&TimingConfig::regular(10.0, 0.0), 1, 0).unwrap();
     let mut queue = FrameQueue::new(schedule, &view(0.0, 0.0));
-    queue.advance(&scene, &view(0.0, 0.0), &view(0.0, 0.4), 250_000_000);
+    queue.advance(&scene, &view(0.0, 0.4), 250_000_000);
     // At 0.2 of 0.25 s.
     let yaw = queue.shown.world_from_camera.rotation_vector()[2];
     assert!((yaw - 0.32).abs() < 1e-12, "{yaw}");
@@ -147,7 +153,7 @@ fn a_pose_before_a_border_is_carried_into_the_sector_behind_it() {
     };
     let schedule = CameraSchedule::new(&TimingConfig::regular(20.0, 0.0), 1, 0).unwrap();
     let mut queue = FrameQueue::new(schedule, &before);
-    queue.advance(&scene, &before, &after, 80_000_000);
+    queue.advance(&scene, &after, 80_000_000);
     assert_eq!((queue.shown.sector, queue.shown.number), (1, 2));
     let error = (queue.shown.world_from_camera.inverse() * carried(11.125)).distance_m();
     assert!(error < 1e-9, "{error}");
@@ -161,14 +167,14 @@ fn a_queue_is_plain_data_of_few_frames() {
         let schedule = CameraSchedule::new(&config, seed, 3).unwrap();
         let mut queue = FrameQueue::new(schedule, &view(0.0, 0.1));
         for _ in 0..40 {
-            queue.advance(&scene, &view(0.1, 0.2), &view(0.3, 0.7), 40_000_000);
+            queue.advance(&scene, &view(0.3, 0.7), 40_000_000);
         }
         let text = serde_json::to_string(&queue).unwrap();
         let mut restored: FrameQueue = serde_json::from_str(&text).unwrap();
         assert_eq!(restored, queue);
         assert!(size_of::<Capture>() * (queue.in_transit.len() + 1) < 2048);
         for queue in [&mut queue, &mut restored] {
-            queue.advance(&scene, &view(0.3, 0.7), &view(0.5, 0.6), 170_000_000);
+            queue.advance(&scene, &view(0.5, 0.6), 170_000_000);
         }
         assert_eq!(restored, queue);
     }
@@ -208,4 +214,58 @@ fn impossible_times_are_refused_by_name() {
     assert!(with(|c| c.latency_s = [0.0, 2.0]).contains("16 frames in transit"));
     assert!(with(|c| c.interval_s = [0.0, 0.1]).contains("interval_s"));
     assert!(with(|c| c.phase = [f64::NAN; 2]).contains("phase"));
+    let late_steps = TimingConfig {
+        latency_s: [0.0, 1.7],
+        ..TimingConfig::default()
+    };
+    let error = late_steps.check_steps(0.1).unwrap_err().to_string();
+    assert!(
+        error.contains("camera.timing.latency_s / dt_s: found 17"),
+        "{error}"
+    );
+    late_steps.check_steps(0.2).unwrap();
+}
+
+#[test]
+fn numbers_and_times_follow_from_the_steps() {
+    let scene = scene();
+    let late_steps = TimingConfig {
+        latency_s: [0.0, 0.3],
+        ..TimingConfig::default()
+    };
+    for config in [TimingConfig::gauss_gym(), late_steps] {
+        config.check_steps(0.05).unwrap();
+        for seed in 0..20 {
+            let schedule = CameraSchedule::draw(&config, seed, 1);
+            let mut queue = FrameQueue::new(schedule, &view(0.0, 0.0));
+            for step in 0..100 {
+                let times = |queue: &FrameQueue| {
+                    let all = std::iter::once(&queue.shown).chain(&queue.in_transit);
+                    let times = all.map(|f| [f.number as i64, f.time_ns, f.delivery_ns]);
+                    (queue.now_ns, queue.next, times.collect::<Vec<_>>())
+                };
+                let counts = [step, queue.shown.number];
+                let other = FrameQueue::after_steps(schedule, &queue.camera, counts, 50_000_000);
+                assert_eq!(times(&other.unwrap()), times(&queue), "{seed} {step}");
+                queue.advance(&scene, &view(0.1 * step as f64, 0.0), 50_000_000);
+            }
+        }
+    }
+    // More frames in transit than there can be.
+    let schedule = CameraSchedule::draw(&TimingConfig::gauss_gym(), 0, 0);
+    for counts in [[1000, 1], [10, 1000]] {
+        assert!(FrameQueue::after_steps(schedule, &view(0.0, 0.0), counts, 50_000_000).is_none());
+    }
+}
+
+#[test]
+fn times_beyond_the_last_nanosecond_end() {
+    let schedule = CameraSchedule::draw(&TimingConfig::regular(10.0, 0.1), 0, 0);
+    let mut queue = FrameQueue::new(schedule, &view(0.0, 0.0));
+    queue.now_ns = i64::MAX - 5;
+    queue.next = (i64::MAX / schedule.interval_ns) as u64;
+    for _ in 0..3 {
+        queue.advance(&scene(), &view(1.0, 0.0), 1_000_000_000);
+    }
+    assert_eq!(queue.now_ns, i64::MAX);
 }

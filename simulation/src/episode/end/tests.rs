@@ -34,6 +34,20 @@ fn codes_from_ten_on_truncate() {
 }
 
 #[test]
+fn all_reasons_are_there_by_code_with_a_name_of_their_own() {
+    let codes = EndReason::ALL.map(|reason| reason as i8);
+    assert!(codes.windows(2).all(|pair| pair[0] < pair[1]), "{codes:?}");
+    for reason in EndReason::BY_PRECEDENCE {
+        assert!(EndReason::ALL.contains(&reason));
+        let same = EndReason::ALL
+            .iter()
+            .filter(|other| other.name() == reason.name());
+        assert_eq!(same.count(), 1, "{}", reason.name());
+    }
+    assert_eq!(EndReason::ALL.len(), EndReason::BY_PRECEDENCE.len() + 1);
+}
+
+#[test]
 fn settings_out_of_range_are_named() {
     let config = EndConfig {
         max_tilt_rad: f64::NAN,

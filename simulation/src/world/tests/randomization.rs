@@ -1,15 +1,17 @@
 //! Exam 6.13: a range that changes leaves all other draws as they are.
 
 use super::*;
+use crate::camera::TimingConfig;
 use crate::episode::RandomizationConfig;
 
-/// What an episode draws, each as bits: start, goal, speeds, mount, latency.
-fn draws(randomization: RandomizationConfig, change: fn(&mut WorldConfig)) -> [Vec<u64>; 5] {
+/// What an episode draws, each as bits: start, goal, speeds, mount, times of frames, latencies.
+fn draws(randomization: RandomizationConfig, change: fn(&mut WorldConfig)) -> [Vec<u64>; 6] {
     let mut config = config(50, Task::PointGoal);
     config.randomization = randomization;
+    config.timing = TimingConfig::gauss_gym();
     change(&mut config);
     let mut world = World::new(room(), config).unwrap();
-    let mut draws: [Vec<u64>; 5] = Default::default();
+    let mut draws: [Vec<u64>; 6] = Default::default();
     for _ in 0..20 {
         world.reset(None, None).unwrap();
         for i in 0..50 {
@@ -24,7 +26,9 @@ fn draws(randomization: RandomizationConfig, change: fn(&mut WorldConfig)) -> [V
             draws[1].push(u64::from(index));
             draws[2].extend([drawn.speed_scale, drawn.yaw_rate_scale].map(f64::to_bits));
             draws[3].extend(drawn.mount.map(f64::to_bits));
-            draws[4].push(drawn.latency_s.to_bits());
+            let schedule = world.environments.queue[i].as_ref().unwrap().schedule;
+            draws[4].extend([schedule.phase_ns, schedule.interval_ns].map(|ns| ns as u64));
+            draws[5].extend((0..5).map(|k| schedule.latency_ns(k, 0) as u64));
         }
     }
     draws
@@ -37,7 +41,6 @@ fn streams_are_independent() {
         yaw_rate_scale: [0.8, 1.2],
         mount_m: 0.02,
         mount_rad: 0.03,
-        latency_s: [0.12, 0.3],
         ..RandomizationConfig::default()
     };
     let nothing = |_: &mut WorldConfig| {};
@@ -51,16 +54,15 @@ fn streams_are_independent() {
         mount_rad: 0.0,
         ..base
     };
-    let late = RandomizationConfig {
-        latency_s: [0.0, 1.0],
-        ..base
-    };
+    let late = |config: &mut WorldConfig| config.timing.latency_s = [0.0, 0.5];
+    let slow = |config: &mut WorldConfig| config.timing.interval_s = [0.1, 0.2];
     for (changed, found) in [
         (2, draws(faster, nothing)),
         (3, draws(mounted, nothing)),
-        (4, draws(late, nothing)),
+        (4, draws(base, slow)),
+        (5, draws(base, late)),
     ] {
-        for stream in 0..5 {
+        for stream in 0..6 {
             assert_eq!(
                 found[stream] == expected[stream],
                 stream != changed,
@@ -82,7 +84,6 @@ fn streams_are_independent() {
 fn draws_fill_their_ranges() {
     let randomization = RandomizationConfig {
         speed_scale: [0.8, 1.2],
-        latency_s: [0.12, 0.3],
         mount_m: 0.02,
         ..RandomizationConfig::default()
     };
@@ -98,7 +99,6 @@ fn draws_fill_their_ranges() {
     };
     for ([low, high], expected) in [
         (range(&|i| drawn[i].speed_scale), [0.8, 1.2]),
-        (range(&|i| drawn[i].latency_s), [0.12, 0.3]),
         (range(&|i| drawn[i].mount[1]), [-0.02, 0.02]),
         (range(&|i| drawn[i].mount[4]), [0.0, 0.0]),
         (range(&|i| drawn[i].yaw_rate_scale), [1.0, 1.0]),

@@ -246,8 +246,16 @@ fn settings_out_of_range_are_named() {
         ("start.max_tries", with(|c| c.start.max_tries = 0)),
         ("end.min_support_db", with(|c| c.end.min_support_db = 10.0)),
         (
-            "randomization.latency_s",
-            with(|c| c.randomization.latency_s = [0.3, 0.1]),
+            "randomization.speed_scale",
+            with(|c| c.randomization.speed_scale = [1.2, 0.8]),
+        ),
+        (
+            "camera.timing.latency_s",
+            with(|c| c.timing.latency_s = [0.3, 0.1]),
+        ),
+        (
+            "camera.timing.latency_s / dt_s",
+            with(|c| c.timing.latency_s = [0.0, 1.7]),
         ),
         ("reward.goal", with(|c| c.reward.goal = f64::INFINITY)),
         ("observation.rays", with(|c| c.observation.rays = 1000)),

@@ -73,12 +73,12 @@ pub(crate) const SIMULATION: Environment = Environment {
     list: "simulation-requirements.txt",
     imports: "import gymnasium, numpy",
 };
-/// A library that trains.
+/// Libraries that train.
 pub(crate) const LEARNING: Environment = Environment {
     variable: "PAWS_LEARNING_PYTHON",
     folder: "python-learning",
     list: "learning-requirements.txt",
-    imports: "import gymnasium, numpy, stable_baselines3",
+    imports: "import gymnasium, numpy, stable_baselines3, rsl_rl.runners",
 };
 /// MuJoCo, and a robot that walks.
 pub(crate) const PHYSICS: Environment = Environment {

@@ -1,0 +1,37 @@
+"""Trains agents with the example of the Python package, from their state alone, and counts successes
+on unseen goals."""
+
+import time
+
+import common
+
+
+def state(scene, question):
+    example = common.load(question["example"])
+    config = common.config(example)
+    goals = {"episodes": question["goals"], "goal_seed": common.GOAL_SEED}
+    random = example.evaluate(scene, config, common.uniform(), **goals)
+    curves, times = [], []
+    for _ in range(2):
+        wall, cpu = time.perf_counter(), time.process_time()
+        model, curve = example.train(
+            scene, config, steps=question["steps"], seed=question["seed"]
+        )
+        times.append({"wall_s": time.perf_counter() - wall, "cpu_s": time.process_time() - cpu})
+        curves.append(curve)
+    trained = example.evaluate(
+        scene, config, lambda o: model.predict(o, deterministic=True)[0], **goals
+    )
+    for result in (random, trained):
+        del result["returns"]
+    return {
+        "random": random,
+        "trained": trained,
+        "curve": curves[0],
+        "same_seed_same_curve": curves[0] == curves[1],
+        "times": times,
+        "steps": question["steps"],
+    }
+
+
+common.answer(state)

@@ -1,0 +1,39 @@
+//! Settings as JSON, with errors that name the setting.
+
+use pyo3::PyResult;
+use serde::de::DeserializeOwned;
+use serde_json::{Map, Value};
+
+use crate::error::SettingError;
+
+/// Any JSON.
+///
+/// # Errors
+/// [`SettingError`] for a text that is none.
+pub(crate) fn json<T: DeserializeOwned>(place: &str, text: &str) -> PyResult<T> {
+    serde_json::from_str(text).map_err(|error| wrong(place, &error))
+}
+
+/// The value of a setting.
+///
+/// # Errors
+/// [`SettingError`] with its name, for a value of another type.
+pub(crate) fn value<T: DeserializeOwned>(place: &str, value: Value) -> PyResult<T> {
+    serde_json::from_value(value).map_err(|error| wrong(place, &error))
+}
+
+/// Settings that have a default each.
+///
+/// # Errors
+/// [`SettingError`] with the name of the first that is unknown or of another type.
+pub(crate) fn fields<T: DeserializeOwned>(place: &str, settings: Value) -> PyResult<T> {
+    for (name, one) in settings.as_object().into_iter().flatten() {
+        let alone = Map::from_iter([(name.clone(), one.clone())]);
+        value::<T>(&format!("{place}.{name}"), Value::Object(alone))?;
+    }
+    value(place, settings)
+}
+
+fn wrong(place: &str, error: &serde_json::Error) -> pyo3::PyErr {
+    SettingError::new_err(format!("{place}: {error}"))
+}
