@@ -11,6 +11,7 @@ mod exposure;
 mod frames;
 mod latency;
 mod noise;
+mod queue;
 mod sensor;
 mod support;
 
@@ -21,8 +22,9 @@ use serde::{Deserialize, Serialize};
 pub use exposure::ExposureConfig;
 pub use frames::{CameraBatch, FrameBuffers, FrameRequest, Frames, NoiseKey, RenderReport};
 pub(crate) use latency::nanoseconds;
-pub use latency::{CameraSchedule, CameraView, Capture, FrameQueue, TimingConfig};
+pub use latency::{CameraSchedule, TimingConfig};
 pub use noise::NoiseConfig;
+pub use queue::{CameraView, Capture, FrameQueue};
 pub use sensor::{DepthKind, Quality, ShutterConfig, pinhole, scaled_model};
 pub use support::support_samples;
 

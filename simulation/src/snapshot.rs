@@ -13,7 +13,7 @@ mod bytes;
 mod fields;
 mod queue;
 
-use bytes::{Reader, Writer};
+use bytes::{Reader, Writer, damaged};
 
 use crate::SimulationError;
 use crate::episode::task::{Task, goals};
@@ -162,13 +162,6 @@ impl World {
         }
         let begin = MAGIC.len() + 2 + 2 * blake3::OUT_LEN;
         content.get(begin..).ok_or_else(|| damaged("an early end"))
-    }
-}
-
-fn damaged(found: &str) -> SimulationError {
-    SimulationError::Snapshot {
-        found: found.to_owned(),
-        expected: "an undamaged snapshot".to_owned(),
     }
 }
 

@@ -4,12 +4,8 @@
 //! `phase + k · interval` and delivered its latency later; at a control step the newest frame
 //! counts that was captured and delivered by then.
 
-mod queue;
-
 use estimator_config::config;
 use serde::{Deserialize, Serialize};
-
-pub use self::queue::{CameraView, Capture, FrameQueue};
 
 use crate::error::{SimulationError, check_range};
 use crate::randomness::{RandomStream, Stream};

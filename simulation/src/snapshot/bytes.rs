@@ -1,10 +1,16 @@
 //! Numbers as little-endian bytes.
 
-use super::damaged;
 use crate::SimulationError;
 
 /// Numbers of states are below this.
 const MAX_NUMBER: f64 = 1e9;
+
+pub(super) fn damaged(found: &str) -> SimulationError {
+    SimulationError::Snapshot {
+        found: found.to_owned(),
+        expected: "an undamaged snapshot".to_owned(),
+    }
+}
 
 #[derive(Default)]
 pub(super) struct Writer(Vec<u8>);

@@ -1,7 +1,6 @@
 //! State and episode of an environment as bytes.
 
-use super::bytes::{Reader, Writer};
-use super::damaged;
+use super::bytes::{Reader, Writer, damaged};
 use crate::SimulationError;
 use crate::agent::AgentState;
 use crate::episode::end::EndReason;

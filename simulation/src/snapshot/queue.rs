@@ -4,8 +4,8 @@
 
 use cad_transforms::RigidTransform;
 
-use super::bytes::{Reader, Writer};
-use super::{damaged, fields};
+use super::bytes::{Reader, Writer, damaged};
+use super::fields;
 use crate::SimulationError;
 use crate::camera::{CameraView, Capture, FrameQueue};
 use crate::world::environment::Episode;

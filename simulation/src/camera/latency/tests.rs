@@ -3,6 +3,7 @@ use std::sync::Arc;
 use cad_transforms::RigidTransform;
 
 use super::*;
+use crate::camera::queue::{self, CameraView, Capture, FrameQueue};
 use crate::scene::SceneData;
 use crate::testing::SyntheticScene;
 

@@ -6,8 +6,8 @@
 use cad_transforms::RigidTransform;
 use serde::{Deserialize, Serialize};
 
-use super::CameraSchedule;
-use crate::camera::frames::{FrameRequest, NoiseKey};
+use super::frames::{FrameRequest, NoiseKey};
+use super::latency::CameraSchedule;
 use crate::scene::SceneData;
 
 /// Frames in transit at most: those of 16 intervals, ends included.
