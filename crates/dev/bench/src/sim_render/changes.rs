@@ -182,7 +182,7 @@ impl<'a> Walker<'a> {
             let edges = &self.scene.sectors[self.sector].edges;
             let edge = edges.iter().find(|edge| edge.to == next.sector);
             let edge = edge.context("no edge to the next sector")?;
-            self.chain.push_back(edge.to_from_here.clone());
+            self.chain.push_back(edge.to_from_here);
             self.sector = next.sector;
             if self.sector == 0 {
                 self.chain.clear();
