@@ -77,7 +77,10 @@ fn stand(position_m: [f64; 3]) -> Body {
     body
 }
 
-fn bodies() -> [(&'static str, fn([f64; 3]) -> Body, f64); 4] {
+/// Name, the body at a position, and the height of its origin above what it rests on.
+type Case = (&'static str, fn([f64; 3]) -> Body, f64);
+
+fn bodies() -> [Case; 4] {
     [
         (
             "box",

@@ -4,7 +4,7 @@ use anyhow::Result;
 use scene_bundle::outputs::grid::Grid;
 use scene_bundle::outputs::maps::MapLevel;
 use serde_json::{Value, json};
-use simulation::{AgentConfig, Ground};
+use simulation::{AgentConfig, Cover, Ground};
 use terrain::FusionConfig;
 use terrain::maps::Level;
 
@@ -38,7 +38,7 @@ pub(super) fn measure(walk: Walk) -> Result<Value> {
     let levels = surface.levels.into_iter().map(stored).collect();
     let ground = Ground::new(levels, &AgentConfig::default())?;
     let (mut near, mut beside_edges, mut far) = (Vec::new(), Vec::new(), Vec::new());
-    let (mut places, mut unknown) = ([0, 0], [0, 0]);
+    let (mut places, mut unknown, mut occupied) = ([0, 0], [0, 0], [0, 0]);
     for [x, y, step_z] in truth.cells(SPACING_M, FAR_M) {
         let Some(true_m) = truth.ground([x, y, step_z], ABOVE_M) else {
             continue;
@@ -53,6 +53,11 @@ pub(super) fn measure(walk: Walk) -> Result<Value> {
             unknown[usize::from(!is_near)] += 1;
             continue;
         };
+        // Tops of furniture and walls, below which true ground may be.
+        if ground.cover([x, y], found.level) == Cover::Occupied {
+            occupied[usize::from(!is_near)] += 1;
+            continue;
+        }
         let error_m = found.height_m - true_m;
         let at_edge = truth.edges.iter().any(|own| {
             let z = own.edge.ends[0].z;
@@ -74,6 +79,7 @@ pub(super) fn measure(walk: Walk) -> Result<Value> {
             "within_m": NEAR_M,
             "error": Quantiles::of(near.iter().copied()),
             "unknown_share": share(unknown[0], places[0]),
+            "occupied_share": share(occupied[0], places[0]),
         },
         "at_step_edges": { "within_m": EDGE_M, "error": Quantiles::of(beside_edges.iter().copied()) },
         "elsewhere": {
@@ -81,6 +87,7 @@ pub(super) fn measure(walk: Walk) -> Result<Value> {
             "error": Quantiles::of(far.iter().map(|(error_m, _)| *error_m)),
             "share_within_two_sigmas": share(within.count(), far.len()),
             "unknown_share": share(unknown[1], places[1]),
+            "occupied_share": share(occupied[1], places[1]),
         },
         "goal": { "near_p95_mm": GOAL_MM, "share_within_two_sigmas": SHARE_GOAL },
     }))
