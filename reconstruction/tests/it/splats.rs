@@ -3,7 +3,9 @@
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
+use std::sync::mpsc::{self, RecvTimeoutError};
 use std::time::Duration;
+use std::{io, thread};
 
 use cad_transforms::RigidTransform;
 use camera_models::Eye;
@@ -333,20 +335,25 @@ fn a_run_that_is_killed_in_a_later_sector_gives_the_same_bytes() {
     let (_folder, killed) = copied();
     let mut child = command(&killed, &SECTOR_VIEWS)
         .env("RAYON_NUM_THREADS", "1")
+        .stdout(Stdio::piped())
         .stderr(Stdio::null())
         .spawn()
         .expect("run");
+    let mut stdout = child.stdout.take().expect("a pipe");
+    let (sender, ended) = mpsc::sync_channel::<()>(1);
+    let reader = thread::spawn(move || {
+        let _ = io::copy(&mut stdout, &mut io::sink());
+        drop(sender);
+    });
     // The file of the first sector is written when its training is complete.
     while !killed.join("splats-000.checkpoint").exists() {
-        let ended = child.try_wait().expect("a state");
-        assert!(
-            ended.is_none(),
-            "ended before a sector was complete: {ended:?}"
-        );
-        std::thread::sleep(Duration::from_millis(5));
+        let state = ended.recv_timeout(Duration::from_millis(5));
+        let before = "ended before a sector was complete";
+        assert_eq!(state, Err(RecvTimeoutError::Timeout), "{before}");
     }
     child.kill().expect("killed");
     let status = child.wait().expect("ended");
+    reader.join().expect("read");
     assert_eq!(status.code(), None, "ended by itself: {status}");
     assert!(checkpoints(&killed).contains(&"splats-000.checkpoint".to_owned()));
     assert_ne!(hash(&killed), hash(&path));

@@ -14,7 +14,7 @@ use super::config::SectorConfig;
 /// // Cameras along a road.
 /// let positions: Vec<[f64; 3]> = (0..100).map(|k| [f64::from(k), 0.0, 1.4]).collect();
 /// let cells = Cells::of_positions(&positions, 40, &SectorConfig::default());
-/// assert_eq!(cells.len(), 3);
+/// assert_eq!(cells.count(), 3);
 /// let count = |cell| positions.iter().filter(|p| cells.cell_of(**p) == cell).count();
 /// assert!((0..3).all(|cell| (30..=40).contains(&count(cell))));
 /// assert_eq!(cells.within(0, 0.0), [0, 1]);
@@ -49,13 +49,13 @@ enum Node {
 
 impl CellBox {
     /// The whole ground.
-    pub const ALL: Self = Self {
+    const ALL: Self = Self {
         min_m: [f64::NEG_INFINITY; 2],
         max_m: [f64::INFINITY; 2],
     };
 
     /// Distance between two rectangles, m; 0 where they touch.
-    pub fn distance_m(&self, other: &Self) -> f64 {
+    fn distance_m(&self, other: &Self) -> f64 {
         let gap = |k: usize| {
             let before = self.min_m[k] - other.max_m[k];
             before.max(other.min_m[k] - self.max_m[k]).max(0.0)
@@ -65,14 +65,6 @@ impl CellBox {
 }
 
 impl Cells {
-    /// One cell.
-    pub fn one() -> Self {
-        Self {
-            nodes: vec![Node::Cell(0)],
-            boxes: vec![CellBox::ALL],
-        }
-    }
-
     /// As few cells as possible with at most `most` of the positions in each, world, m. Positions
     /// that are within [`SectorConfig::min_extent_m`] of each other stay in one cell, however many
     /// they are.
@@ -113,13 +105,8 @@ impl Cells {
     }
 
     /// Number of cells, at least one.
-    pub fn len(&self) -> usize {
+    pub fn count(&self) -> usize {
         self.boxes.len()
-    }
-
-    /// Never.
-    pub fn is_empty(&self) -> bool {
-        self.boxes.is_empty()
     }
 
     /// The cell of a position in the world, m.
@@ -194,7 +181,7 @@ mod tests {
     use super::*;
 
     fn counts(cells: &Cells, positions: &[[f64; 3]]) -> Vec<usize> {
-        let mut counts = vec![0; cells.len()];
+        let mut counts = vec![0; cells.count()];
         for position in positions {
             counts[cells.cell_of(*position)] += 1;
         }
@@ -221,10 +208,10 @@ mod tests {
     fn few_positions_are_in_one_cell() {
         let positions = around();
         let cells = Cells::of_positions(&positions, 320, &SectorConfig::default());
-        assert_eq!(cells, Cells::one());
-        assert_eq!((cells.len(), cells.cell_of([1e9, -4.0, 0.0])), (1, 0));
+        assert_eq!(cells.bounds(0), CellBox::ALL);
+        assert_eq!((cells.count(), cells.cell_of([1e9, -4.0, 0.0])), (1, 0));
         assert_eq!(
-            Cells::of_positions(&[], 5, &SectorConfig::default()).len(),
+            Cells::of_positions(&[], 5, &SectorConfig::default()).count(),
             1
         );
     }
@@ -237,9 +224,9 @@ mod tests {
             let cells = Cells::of_positions(&positions, most, &config);
             let counts = counts(&cells, &positions);
             assert!(counts.iter().all(|n| (1..=most).contains(n)), "{counts:?}");
-            assert!(cells.len() <= 320_usize.div_ceil(most) + 2, "{counts:?}");
+            assert!(cells.count() <= 320_usize.div_ceil(most) + 2, "{counts:?}");
             // The boxes say the same as the tree, for points anywhere, also on borders.
-            let borders: Vec<f64> = (0..cells.len())
+            let borders: Vec<f64> = (0..cells.count())
                 .flat_map(|cell| [cells.bounds(cell).min_m, cells.bounds(cell).max_m].concat())
                 .filter(|border| border.is_finite())
                 .collect();
@@ -250,7 +237,7 @@ mod tests {
                     let is_in = |k: usize, v: f64| min_m[k] <= v && v < max_m[k];
                     is_in(0, x) && is_in(1, y)
                 };
-                let of: Vec<usize> = (0..cells.len()).filter(inside).collect();
+                let of: Vec<usize> = (0..cells.count()).filter(inside).collect();
                 assert_eq!(of, [cells.cell_of([x, y, 0.0])]);
             }
         }
@@ -259,7 +246,7 @@ mod tests {
     #[test]
     fn a_place_that_is_passed_twice_is_in_one_cell() {
         let cells = Cells::of_positions(&around(), 100, &SectorConfig::default());
-        assert!(cells.len() > 2);
+        assert!(cells.count() > 2);
         for place in [[10.0, 0.0], [20.0, 10.0], [10.0, 20.0]] {
             let [x, y] = place;
             let first = cells.cell_of([x, y, 0.0]);
@@ -272,7 +259,7 @@ mod tests {
     fn positions_without_extent_stay_together() {
         let config = SectorConfig::default();
         let still: Vec<[f64; 3]> = (0..90).map(|k| [0.01 * f64::from(k), 0.0, 0.0]).collect();
-        assert_eq!(Cells::of_positions(&still, 10, &config).len(), 1);
+        assert_eq!(Cells::of_positions(&still, 10, &config).count(), 1);
         // Many at the ends, none between: no cut through equal ones.
         let mut ends = vec![[0.0, 1.0, 0.0]; 70];
         ends.extend([[5.0, 1.0, 0.0]; 30]);
@@ -287,7 +274,7 @@ mod tests {
     fn neighbors_touch_and_distances_are_those_of_the_rectangles() {
         let positions: Vec<[f64; 3]> = (0..80).map(|k| [f64::from(k), 0.0, 0.0]).collect();
         let cells = Cells::of_positions(&positions, 20, &SectorConfig::default());
-        assert_eq!(cells.len(), 4);
+        assert_eq!(cells.count(), 4);
         assert_eq!(cells.within(0, 0.0), [0, 1]);
         assert_eq!(cells.within(2, 0.0), [1, 2, 3]);
         assert_eq!(cells.within(0, 19.0), [0, 1]);

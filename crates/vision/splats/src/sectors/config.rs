@@ -5,8 +5,8 @@ use estimator_config::config;
 config! {
     /// How a long walk is divided into sectors.
     pub struct SectorConfig {
-        /// Most views at positions in one sector. Source: Beogym, which has 1250 pictures for each
-        /// of its sectors.
+        /// Most views at positions in one sector. Source: Beogym, which has 1250 images in each of
+        /// its sectors.
         pub views: usize = 1250,
         /// Most views from outside of a sector that train it too, as a share of those inside at
         /// most.

@@ -46,7 +46,7 @@ impl CellsSeen {
     }
 
     /// Number of points in a cell.
-    pub fn points_in(&self, cell: usize) -> u32 {
+    fn points_in(&self, cell: usize) -> u32 {
         let place = self.counts.binary_search_by_key(&cell, |(of, _)| *of);
         place.map_or(0, |place| self.counts[place].1)
     }
@@ -83,7 +83,7 @@ mod tests {
     fn row(count: u32) -> Cells {
         let positions: Vec<[f64; 3]> = (0..count).map(|k| [f64::from(k), 0.0, 0.0]).collect();
         let cells = Cells::of_positions(&positions, 10, &SectorConfig::default());
-        assert_eq!(cells.len(), count as usize / 10);
+        assert_eq!(cells.count(), count as usize / 10);
         cells
     }
 

@@ -1,9 +1,10 @@
-//! Files of trainings that were not completed, in the bundle's folder and no part of the bundle: one
-//! for each sector, with the state of its training or what a complete training left.
+//! Files of trainings that were not completed, in the bundle's folder and no part of the bundle:
+//! one for each sector, with the state of its training or what a complete training left.
 //!
-//! Contract: a file is used only by a run with the same settings and inputs, and only if it is whole.
-//! It is replaced in one step, so that a run that was killed while writing leaves the older one.
-//! What cannot be used is discarded with a warning: the training then begins with its first step.
+//! Contract: a file is used only by a run with the same settings and inputs, and only if it is
+//! whole. It is replaced in one step, so that a run that was killed while writing leaves the older
+//! one. What cannot be used is discarded with a warning: the training then begins with its first
+//! step.
 
 use std::fs::{self, File};
 use std::io::{self, Write};

@@ -41,7 +41,7 @@ impl Plan {
         let positions: Vec<[f64; 3]> = chosen().map(center).collect();
         let most = most_keyframes(config);
         let cells = Cells::of_positions(&positions, most, &config.sectors);
-        let count = cells.len();
+        let count = cells.count();
         let seen = match count {
             1 => Vec::new(),
             _ => seen(inputs, cameras, &cells)?,

@@ -51,7 +51,7 @@ impl Sectors<'_> {
         on: &mut dyn FnMut() -> Result<On, StageError>,
         progress: &mut dyn FnMut(usize, fit::Progress),
     ) -> Result<(Vec<TrainedSector>, Option<Vec<TrainingView>>), StageError> {
-        let count = self.cells.len();
+        let count = self.cells.count();
         let (mut all, mut held_out) = (Vec::with_capacity(count), None);
         for sector in 0..count {
             let file = self.checkpoints.of(sector, count);
@@ -92,7 +92,7 @@ impl Sectors<'_> {
             sectors,
             ..
         } = self.config;
-        match self.cells.len() {
+        match self.cells.count() {
             1 => *min_images,
             _ => sectors.views.div_ceil(2).min(*min_images),
         }
