@@ -67,6 +67,10 @@ pub(crate) struct Arguments {
     /// Training steps of the stage splats, instead of those of the preset (2000, 7000, 20000).
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     splat_steps: Option<u32>,
+    /// Most images inside of a sector of the stage splats: longer walks are trained in several.
+    #[arg(long, value_name = "N", default_value_t = 1250,
+        value_parser = clap::value_parser!(u32).range(20..))]
+    splat_sector_views: u32,
     /// Where the stage splats trains; a GPU needs a program built with the feature `gpu`.
     #[arg(long, value_enum, default_value_t = DeviceArgument::Cpu)]
     device: DeviceArgument,
@@ -204,6 +208,7 @@ fn reconstruct(arguments: &Arguments, input: &Input) -> Result<ExitCode> {
             arguments.segmentation_network.as_deref(),
         )?,
         splat_steps: arguments.splat_steps.map(|steps| steps as usize),
+        splat_sector_views: Some(arguments.splat_sector_views as usize),
         device: Device::open(arguments.device.into(), arguments.cpu_fallback)?,
         memory_bytes: match arguments.max_memory_mb {
             Some(mb) => Some(mb.saturating_mul(1_000_000)),

@@ -69,6 +69,8 @@ pub struct Options {
     pub splat_preset: Option<Preset>,
     /// Number of training steps of the stage `splats` in place of the preset's.
     pub splat_steps: Option<usize>,
+    /// Most images inside of a sector of the stage `splats` in place of 1250.
+    pub splat_sector_views: Option<usize>,
     /// Where the stage `splats` trains.
     pub device: device::Device,
     /// Memory that the stage `splats` may use, bytes, where it is known.
@@ -101,6 +103,7 @@ pub fn pipeline(options: Options) -> Result<Pipeline<Input>, PipelineError> {
         Box::new(splats::SplatsStage {
             preset: options.splat_preset.unwrap_or(preset),
             steps: options.splat_steps,
+            sector_views: options.splat_sector_views,
             device: options.device,
             memory_bytes: options.memory_bytes,
         }),

@@ -180,18 +180,22 @@ fn in_short(record: &SplatScene) -> String {
             )
         },
     );
+    let divided = match record.sectors.len() {
+        0 | 1 => String::new(),
+        count => format!(" in each of {count} sectors"),
+    };
     format!(
-        "{} Gaussians ({} at the start) with harmonics of degree {}, trained in {} steps from {} \
-         images, preset {}; {quality}.",
+        "{} Gaussians ({} at the start) with harmonics of degree {}, trained in {} steps{divided} \
+         from {} images, preset {}; {quality}.",
         record.count(),
         training.start_count,
         record.degree,
         training.steps,
         record
-            .sectors
+            .views
             .iter()
-            .map(|sector| sector.views.len())
-            .sum::<usize>(),
+            .filter(|view| view.held_out.is_none())
+            .count(),
         training.preset
     )
 }

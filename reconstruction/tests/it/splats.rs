@@ -1,26 +1,37 @@
 //! The stage `splats` of a simulated walk: its quality, what it loses and what it refuses.
 
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
-use std::process::{Command, Output};
+use std::process::{Command, Output, Stdio};
+use std::sync::mpsc::{self, RecvTimeoutError};
+use std::time::Duration;
+use std::{io, thread};
 
+use cad_transforms::RigidTransform;
 use camera_models::Eye;
 use reconstruction::pipeline::report_of;
 use scene_bundle::outputs::depth::DepthWriter;
 use scene_bundle::outputs::masks::{self, Mask};
+use scene_bundle::outputs::splats::SplatScene;
 use scene_bundle::outputs::{self, depth, keyframes, rig, splats};
-use scene_bundle::{Bundle, Draft, Record, Scene};
+use scene_bundle::{Bundle, Draft, OutputReader, Record, Scene, layout, verify};
 
 use crate::full_disk::copy;
 use crate::walk::{SPLAT_STEPS, made, walk};
 
 fn run(scene: &Path, more: &[&str]) -> Output {
+    command(scene, more).output().expect("run")
+}
+
+fn command(scene: &Path, more: &[&str]) -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_paws-reconstruct"));
     command.arg("run").arg(made().0).arg("--out").arg(scene);
     command.args(["--preset", "fast", "--from", "splats"]);
     command.args(["--splat-steps", SPLAT_STEPS]);
     // The walk's bundle was written with one thread.
     command.env("RAYON_NUM_THREADS", "4");
-    command.args(more).output().expect("run")
+    command.args(more);
+    command
 }
 
 fn errors(output: &Output) -> String {
@@ -94,9 +105,7 @@ fn the_scene_renders_what_the_cameras_recorded() {
 
 /// A copy of the walk's bundle with an output replaced.
 fn with(output: &str, write: &dyn Fn(&Draft, &Scene)) -> (tempfile::TempDir, PathBuf) {
-    let folder = tempfile::tempdir().expect("a folder");
-    let path = folder.path().join("scene");
-    copy(made().1, &path);
+    let (folder, path) = copied();
     let before = Scene::open(&path).expect("a bundle");
     let manifest = before.manifest();
     let bundle = Bundle::create_or_open(&path, manifest.provenance.clone()).expect("a bundle");
@@ -188,9 +197,7 @@ fn no_depth_is_a_loss() {
 
 #[test]
 fn too_little_memory_is_an_error_and_the_old_output_stays() {
-    let folder = tempfile::tempdir().expect("a folder");
-    let path = folder.path().join("scene");
-    copy(made().1, &path);
+    let (_folder, path) = copied();
     let hash = || {
         let scene = Scene::open(&path).expect("a bundle");
         scene.manifest().outputs[outputs::SPLATS].hash.clone()
@@ -218,4 +225,146 @@ fn too_little_memory_is_an_error_and_the_old_output_stays() {
     assert!(!checkpoint.exists());
     // The same bytes, with another number of threads.
     assert_eq!(hash(), before);
+}
+
+/// A copy of the walk's bundle.
+fn copied() -> (tempfile::TempDir, PathBuf) {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("scene");
+    copy(made().1, &path);
+    (folder, path)
+}
+
+fn record_of(path: &Path) -> (OutputReader, SplatScene) {
+    let scene = Scene::open(path).expect("a bundle");
+    let reader = scene.output(outputs::SPLATS).expect("an output");
+    let record = splats::read(&reader).expect("a record");
+    (reader, record)
+}
+
+/// The walk has a few images more.
+const SECTOR_VIEWS: [&str; 2] = ["--splat-sector-views", "20"];
+
+#[test]
+fn a_walk_in_sectors_has_each_gaussian_once_and_the_quality_of_one() {
+    let (_folder, path) = copied();
+    let output = run(&path, &SECTOR_VIEWS);
+    let errors = errors(&output);
+    assert_eq!(output.status.code(), Some(0), "{errors}");
+    let (reader, record) = record_of(&path);
+    let count = record.sectors.len();
+    assert!(count >= 2, "{count}");
+    let all: Vec<_> = (0..count)
+        .map(|k| splats::read_sector(&reader, &record, k).expect("Gaussians"))
+        .collect();
+    for (k, splats) in all.iter().enumerate() {
+        let sector = &record.sectors[k];
+        assert!(splats.len() > 100, "{}", splats.len());
+        // Strictly inside of no other box. That it is in its own one is checked when it is read.
+        for other in record.sectors.iter().filter(|other| *other != sector) {
+            let inside = (0..splats.len()).filter(|i| {
+                let mean = splats.get(*i).position_m.map(f64::from);
+                (0..2).all(|k| other.min_m[k] < mean[k] && mean[k] < other.max_m[k])
+            });
+            assert_eq!(inside.count(), 0);
+        }
+        assert!(!sector.neighbors.is_empty());
+        for neighbor in &sector.neighbors {
+            assert_eq!(neighbor.neighbor_from_sector, RigidTransform::identity());
+            let back = &record.sectors[neighbor.sector].neighbors;
+            assert!(back.iter().any(|of| of.sector == k), "{back:?}");
+        }
+        assert!(sector.views.is_sorted() && sector.views.len() >= 8);
+        let is_trained = |view: &usize| record.views[*view].held_out.is_none();
+        assert!(sector.views.iter().all(is_trained));
+    }
+    // Each view of the training is in a sector, some that look across the border in two.
+    let of_sectors = record.sectors.iter().flat_map(|sector| &sector.views);
+    let trained: BTreeSet<usize> = of_sectors.clone().copied().collect();
+    let held_out = record.views.iter().filter(|view| view.held_out.is_some());
+    assert_eq!(trained.len() + held_out.count(), record.views.len());
+    assert!(of_sectors.count() > trained.len());
+    let (_, one) = record_of(made().1);
+    let same = |views: &[splats::SplatView]| -> Vec<_> {
+        let names = views
+            .iter()
+            .map(|of| (of.camera.clone(), of.eye == Eye::Left, of.set));
+        names
+            .zip(views.iter().map(|of| of.held_out.is_some()))
+            .collect()
+    };
+    assert_eq!(same(&record.views), same(&one.views));
+    let [before, after] = [&one, &record].map(|of| of.held_out().expect("images").psnr_db);
+    println!("{before:.2} dB in one sector, {after:.2} dB in {count}");
+    assert!(
+        after > before - 0.5,
+        "{before} dB in one, {after} dB in {count}"
+    );
+    let coverage = splats::read_coverage(&reader, &record).expect("files");
+    assert_eq!(coverage.expect("coverage").gaussians.len(), count);
+
+    let report = verify::verify(&Scene::open(&path).expect("a bundle"), |_| {});
+    let report = report.expect("a report");
+    assert!(report.is_whole() && report.unnamed.is_empty(), "{report:?}");
+    let scene = Scene::open(&path).expect("a bundle");
+    let notes = report_of(&scene, outputs::SPLATS).expect("a report").notes;
+    assert!(
+        notes[0].contains(&format!("in {count} sectors")),
+        "{notes:?}"
+    );
+}
+
+#[test]
+fn a_run_that_is_killed_in_a_later_sector_gives_the_same_bytes() {
+    let hash = |path: &Path| record_of(path).0.output().hash.clone();
+    let checkpoints = |path: &Path| -> Vec<String> {
+        let entries = std::fs::read_dir(path).expect("a folder").map(|entry| {
+            let name = entry.expect("an entry").file_name();
+            name.to_string_lossy().into_owned()
+        });
+        entries
+            .filter(|name| layout::is_splats_checkpoint(name))
+            .collect()
+    };
+    let (_folder, path) = copied();
+    let whole = command(&path, &SECTOR_VIEWS)
+        .env("RAYON_NUM_THREADS", "2")
+        .status();
+    assert_eq!(whole.expect("run").code(), Some(0));
+
+    let (_folder, killed) = copied();
+    let mut child = command(&killed, &SECTOR_VIEWS)
+        .env("RAYON_NUM_THREADS", "1")
+        .stdout(Stdio::piped())
+        .stderr(Stdio::null())
+        .spawn()
+        .expect("run");
+    let mut stdout = child.stdout.take().expect("a pipe");
+    let (sender, ended) = mpsc::sync_channel::<()>(1);
+    let reader = thread::spawn(move || {
+        let _ = io::copy(&mut stdout, &mut io::sink());
+        drop(sender);
+    });
+    // The file of the first sector is written when its training is complete.
+    while !killed.join("splats-000.checkpoint").exists() {
+        let state = ended.recv_timeout(Duration::from_millis(5));
+        let before = "ended before a sector was complete";
+        assert_eq!(state, Err(RecvTimeoutError::Timeout), "{before}");
+    }
+    child.kill().expect("killed");
+    let status = child.wait().expect("ended");
+    reader.join().expect("read");
+    assert_eq!(status.code(), None, "ended by itself: {status}");
+    assert!(checkpoints(&killed).contains(&"splats-000.checkpoint".to_owned()));
+    assert_ne!(hash(&killed), hash(&path));
+
+    let output = command(&killed, &SECTOR_VIEWS)
+        .env("RAYON_NUM_THREADS", "1")
+        .output();
+    let output = output.expect("run");
+    let errors = errors(&output);
+    assert_eq!(output.status.code(), Some(0), "{errors}");
+    assert!(!errors.contains("discarded"), "{errors}");
+    assert_eq!(hash(&killed), hash(&path));
+    assert_eq!(checkpoints(&killed), [""; 0]);
 }

@@ -12,8 +12,6 @@ pub const STAGE_TIMINGS: &str = "stage_timings.jsonl";
 pub const CAMERA_IMAGES: &str = "seen.jsonl";
 /// Film of an agent in the scene; not part of the bundle.
 pub const FILM: &str = "film.jsonl";
-/// State of a training of the stage `splats` that was not completed; not part of the bundle.
-pub const SPLATS_CHECKPOINT: &str = "splats.checkpoint";
 /// Report page of the bundle; not part of it.
 pub const PAGE: &str = "report.html";
 /// In an output's folder: hashes of files that are too many for the manifest.
@@ -53,6 +51,32 @@ pub fn is_ours(name: &str) -> bool {
         || name
             .split_once('.')
             .is_some_and(|(output, hash)| is_output_name(output) && is_hash(hash))
+}
+
+/// State of a training of the stage `splats` that was not completed, or of one of its sectors; not
+/// part of the bundle.
+///
+/// ```
+/// use scene_bundle::layout::{is_splats_checkpoint, splats_checkpoint};
+///
+/// assert_eq!(splats_checkpoint(None), "splats.checkpoint");
+/// assert_eq!(splats_checkpoint(Some(7)), "splats-007.checkpoint");
+/// assert!(is_splats_checkpoint(&splats_checkpoint(Some(1234))));
+/// assert!(!is_splats_checkpoint("splats-a.checkpoint"));
+/// ```
+pub fn splats_checkpoint(sector: Option<usize>) -> String {
+    sector.map_or_else(
+        || "splats.checkpoint".to_owned(),
+        |sector| format!("splats-{sector:03}.checkpoint"),
+    )
+}
+
+/// Whether a name is one of [`splats_checkpoint`].
+pub fn is_splats_checkpoint(name: &str) -> bool {
+    let sector = name.strip_prefix("splats-");
+    let sector = sector.and_then(|rest| rest.strip_suffix(".checkpoint"));
+    let number = sector.and_then(|number| number.parse().ok());
+    name == splats_checkpoint(None) || number.is_some_and(|n| name == splats_checkpoint(Some(n)))
 }
 
 /// Name of a file while it is written beside the old one.

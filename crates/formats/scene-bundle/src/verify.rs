@@ -91,7 +91,6 @@ pub fn verify(scene: &Scene, mut progress: impl FnMut(u64)) -> Result<VerifyRepo
         layout::PAGE,
         layout::CAMERA_IMAGES,
         layout::FILM,
-        layout::SPLATS_CHECKPOINT,
     ];
     let mut named = BTreeSet::from(known.map(str::to_owned));
     for (name, output) in &scene.manifest().outputs {
@@ -148,7 +147,7 @@ fn find_unnamed(
         } else {
             format!("{dir}/{name}")
         };
-        if named.contains(&path) {
+        if named.contains(&path) || layout::is_splats_checkpoint(&path) {
             continue;
         }
         let inside = format!("{path}/");

@@ -12,6 +12,7 @@
 //!   held-out views.
 //! - [`Coverage`] is what the views of a training saw; with it an image from any camera has a
 //!   [`Confidence`].
+//! - [`Cells`] divide a long walk into sectors, each of which is trained by itself to a [`Part`].
 //! - [`files`] reads and writes `.ply`, `.splat` and `.spz`.
 //!
 //! The same input gives the same bytes on any number of threads and with every instruction set.
@@ -64,6 +65,7 @@ mod lanes;
 pub mod reference;
 mod render;
 mod scene;
+mod sectors;
 mod train;
 
 pub use camera::{Camera, Shutter};
@@ -80,6 +82,7 @@ pub use render::{
     DetailConfig, DetailScene, Gradients, Image, ImageGradient, Pass, RenderStats, Renderer,
 };
 pub use scene::{Background, Exposure, MAX_DEGREE, Plane, Scene, Sky, Splat, Splats, coefficients};
+pub use sectors::{CellBox, Cells, CellsSeen, Part, SectorConfig, merged_background};
 pub use train::{
     Evaluation, ExposureConfig, GrowthByNeed, GrowthCheck, GrowthConfig, LossConfig,
     MAX_VOXELS_PER_POINT, Observed, OptimizerConfig, PoseConfig, Preset, StartConfig, StartPoint,

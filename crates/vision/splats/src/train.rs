@@ -23,6 +23,7 @@ mod tests;
 mod trainer;
 mod view;
 
+pub(crate) use codec::{Codec, State, broken};
 pub use config::{
     ExposureConfig, GrowthConfig, LossConfig, OptimizerConfig, PoseConfig, Preset, TrainConfig,
 };

@@ -7,7 +7,7 @@
 use crate::error::SplatError;
 
 /// Where the state goes to, or comes from.
-pub(super) enum Codec<'a> {
+pub(crate) enum Codec<'a> {
     /// Bytes so far.
     Write(Vec<u8>),
     /// Bytes that are left.
@@ -15,12 +15,12 @@ pub(super) enum Codec<'a> {
 }
 
 /// State that can be written and read.
-pub(super) trait State {
+pub(crate) trait State {
     /// Passes all of it to the codec, which replaces it when reading.
     fn visit(&mut self, codec: &mut Codec<'_>) -> Result<(), SplatError>;
 }
 
-pub(super) fn broken(reason: impl Into<String>) -> SplatError {
+pub(crate) fn broken(reason: impl Into<String>) -> SplatError {
     SplatError::Checkpoint {
         reason: reason.into(),
     }
@@ -66,7 +66,7 @@ macro_rules! number {
     )*};
 }
 
-number!(u16, u32, u64, f32, f64);
+number!(u16, u32, u64, i32, f32, f64);
 
 impl State for usize {
     fn visit(&mut self, codec: &mut Codec<'_>) -> Result<(), SplatError> {

@@ -1,20 +1,43 @@
-//! The file of a training that was not completed, in the bundle's folder and no part of the bundle.
+//! Files of trainings that were not completed, in the bundle's folder and no part of the bundle:
+//! one for each sector, with the state of its training or what a complete training left.
 //!
-//! Contract: it is used only by a run with the same settings and inputs, and only if it is whole.
-//! It is replaced in one step, so that a run that was killed while writing leaves the older one.
-//! What cannot be used is discarded with a warning: the training then begins with its first step.
+//! Contract: a file is used only by a run with the same settings and inputs, and only if it is
+//! whole. It is replaced in one step, so that a run that was killed while writing leaves the older
+//! one. What cannot be used is discarded with a warning: the training then begins with its first
+//! step.
 
 use std::fs::{self, File};
 use std::io::{self, Write};
 use std::path::PathBuf;
 
-use serde_json::Value;
+use scene_bundle::layout;
+use serde_json::{Value, json};
 
-const MAGIC: &[u8] = b"paws splats checkpoint 1\n";
+const MAGIC: &[u8] = b"paws splats checkpoint 2\n";
+/// Of a sector whose training is complete.
+const COMPLETE: &[u8] = b"paws splats complete 2\n";
 const HASH: usize = blake3::OUT_LEN;
 
 /// Largest file that is read, bytes.
 const MAX_BYTES: u64 = 16 << 30;
+
+/// Files of all sectors.
+pub(super) struct CheckpointFiles {
+    pub(super) folder: PathBuf,
+    pub(super) settings: Value,
+    /// Hashes of the inputs.
+    pub(super) inputs: Vec<String>,
+}
+
+impl CheckpointFiles {
+    /// The file of a sector of some.
+    pub(super) fn of(&self, sector: usize, count: usize) -> CheckpointFile {
+        let sector = (count > 1).then_some(sector);
+        let name = layout::splats_checkpoint(sector);
+        let settings = json!({ "settings": self.settings, "sector": sector });
+        CheckpointFile::new(self.folder.join(name), &settings, &self.inputs)
+    }
+}
 
 /// Where the state of a training is kept.
 pub(super) struct CheckpointFile {
@@ -46,8 +69,18 @@ impl CheckpointFile {
         }
     }
 
-    /// The state in the file, if there is one that can be used.
+    /// The state of a training in the file, if there is one that can be used.
     pub(super) fn read(&self) -> Option<Vec<u8>> {
+        self.content(MAGIC)
+    }
+
+    /// What a complete training left, if that is in the file and can be used.
+    pub(super) fn read_complete(&self) -> Option<Vec<u8>> {
+        self.content(COMPLETE)
+    }
+
+    /// The content after one of the two first lines; nothing is said of a file with the other one.
+    fn content(&self, first: &[u8]) -> Option<Vec<u8>> {
         let bytes = match plain_file::read(&self.path, MAX_BYTES) {
             Ok(bytes) => bytes,
             Err(error) if error.kind() == io::ErrorKind::NotFound => return None,
@@ -56,7 +89,12 @@ impl CheckpointFile {
                 return None;
             }
         };
-        match self.parse(&bytes) {
+        let other = if first == MAGIC { COMPLETE } else { MAGIC };
+        // A file of neither is one of a training.
+        if bytes.starts_with(other) || (first == COMPLETE && !bytes.starts_with(COMPLETE)) {
+            return None;
+        }
+        match self.parse(&bytes, first) {
             Ok(state) => Some(state.to_vec()),
             Err(why) => {
                 self.discarded(&why.to_string());
@@ -73,8 +111,8 @@ impl CheckpointFile {
         );
     }
 
-    fn parse<'b>(&self, bytes: &'b [u8]) -> Result<&'b [u8], Unusable> {
-        let rest = bytes.strip_prefix(MAGIC).ok_or(Unusable::Damaged)?;
+    fn parse<'b>(&self, bytes: &'b [u8], first: &[u8]) -> Result<&'b [u8], Unusable> {
+        let rest = bytes.strip_prefix(first).ok_or(Unusable::Damaged)?;
         let (hashes, state) = rest.split_at_checked(3 * HASH).ok_or(Unusable::Damaged)?;
         let (hashes, _) = hashes.as_chunks::<HASH>();
         if hashes[0] != self.keys[0] {
@@ -89,13 +127,22 @@ impl CheckpointFile {
         }
     }
 
-    /// Replaces the file. A training goes on where this fails: it only loses more when it is
-    /// killed.
+    /// Replaces the file by the state of a training, which goes on where this fails: it only loses
+    /// more when it is killed.
     pub(super) fn write(&self, state: &[u8]) {
+        self.replace(MAGIC, state);
+    }
+
+    /// Replaces the file by what a complete training left; as [`Self::write`].
+    pub(super) fn write_complete(&self, content: &[u8]) {
+        self.replace(COMPLETE, content);
+    }
+
+    fn replace(&self, first: &[u8], state: &[u8]) {
         let temporary = self.path.with_extension("checkpoint.tmp");
         let hash = blake3::hash(state);
         let written = File::create(&temporary).and_then(|mut file| {
-            file.write_all(MAGIC)?;
+            file.write_all(first)?;
             file.write_all(self.keys.as_flattened())?;
             file.write_all(hash.as_bytes())?;
             file.write_all(state)?;
@@ -131,18 +178,44 @@ mod tests {
         assert_eq!(fs::read_dir(folder.path()).expect("a folder").count(), 1);
 
         let bytes = fs::read(&path).expect("a file");
-        assert_eq!(of(8, &inputs).parse(&bytes), Err(Unusable::Settings));
+        assert_eq!(of(8, &inputs).parse(&bytes, MAGIC), Err(Unusable::Settings));
         assert_eq!(of(8, &inputs).read(), None);
-        assert_eq!(of(7, &inputs[..1]).parse(&bytes), Err(Unusable::Inputs));
+        assert_eq!(
+            of(7, &inputs[..1]).parse(&bytes, MAGIC),
+            Err(Unusable::Inputs)
+        );
         for length in 0..bytes.len() {
             assert_eq!(
-                file.parse(&bytes[..length]),
+                file.parse(&bytes[..length], MAGIC),
                 Err(Unusable::Damaged),
                 "{length}"
             );
         }
+        assert_eq!(file.read_complete(), None);
+        file.write_complete(b"Gaussians");
+        assert_eq!(file.read(), None);
+        assert_eq!(file.read_complete(), Some(b"Gaussians".to_vec()));
+        assert_eq!(of(8, &inputs).read_complete(), None);
         // A folder that cannot be written to costs the checkpoint and nothing else.
         let nowhere = folder.path().join("none/splats.checkpoint");
         CheckpointFile::new(nowhere, &json!({}), &[]).write(b"state");
+    }
+
+    #[test]
+    fn sectors_do_not_take_each_others_files() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let files = CheckpointFiles {
+            folder: folder.path().to_owned(),
+            settings: json!({ "steps": 7 }),
+            inputs: vec!["a".to_owned()],
+        };
+        files.of(0, 3).write_complete(b"first");
+        files.of(1, 3).write(b"second");
+        assert_eq!(files.of(0, 3).read_complete(), Some(b"first".to_vec()));
+        assert_eq!(files.of(1, 3).read(), Some(b"second".to_vec()));
+        assert_eq!(files.of(0, 1).read_complete(), None);
+        let path = |sector: usize| folder.path().join(format!("splats-00{sector}.checkpoint"));
+        fs::copy(path(0), path(2)).expect("a copy");
+        assert_eq!(files.of(2, 3).read_complete(), None);
     }
 }

@@ -1,6 +1,6 @@
 //! Constants of the stage `splats`.
 
-use ::splats::{CoverageConfig, RenderConfig, StartConfig, TrainConfig};
+use ::splats::{CoverageConfig, RenderConfig, SectorConfig, StartConfig, TrainConfig};
 use estimator_config::config;
 
 use super::super::preset::Preset;
@@ -18,7 +18,8 @@ config! {
         pub held_out_interval: usize = 8,
         /// Which of those instants, from 0.
         pub held_out_offset: usize = 2,
-        /// Fewest usable images of a training.
+        /// Fewest usable images of a training; of one of several sectors half of the images that
+        /// it may have inside, if those are fewer.
         pub min_images: usize = 20,
         /// Part of the poses in the standard deviation of a depth, m; as in the stage `terrain`.
         pub pose_sigma_m: f32 = 0.003,
@@ -32,6 +33,8 @@ config! {
         pub sky_texels: usize = 128,
         /// Seed of all random numbers.
         pub seed: u64 = 1,
+        /// Division of long walks.
+        pub sectors: SectorConfig = SectorConfig::default(),
         /// Points at which the scene starts.
         pub start: StartConfig = StartConfig::default(),
         /// The training.

@@ -1,7 +1,7 @@
 //! The training from views, with checkpoints.
 
 use splats::{
-    Background, Coverage, GrowthByNeed, Scene, Sky, SplatError, TrainReport, Trainer,
+    Background, Coverage, GrowthByNeed, GrowthCheck, Scene, Sky, SplatError, Trainer,
     TrainingDevice, TrainingView, points_from_views, splats_from_points,
 };
 
@@ -19,7 +19,8 @@ pub(super) struct Fit {
     pub(super) scene: Scene,
     /// Number of Gaussians at the start.
     pub(super) start_count: usize,
-    pub(super) report: TrainReport,
+    /// Checks of growth.
+    pub(super) checks: Vec<GrowthCheck>,
     /// What the views of the training saw of it.
     pub(super) coverage: Coverage,
     /// Why the processor took over from the device.
@@ -125,10 +126,7 @@ pub(super) fn fit(
     Ok(Fit {
         start_count,
         fell_back,
-        report: TrainReport {
-            checks: growth.checks().to_vec(),
-            evaluation: trainer.evaluate(held_out),
-        },
+        checks: growth.checks().to_vec(),
         coverage: trainer.coverage(&config.coverage)?,
         scene: trainer.scene().clone(),
     })

@@ -17,9 +17,22 @@ pub(super) struct CameraKeyframes<'a> {
     pub(super) is_exposure_known: bool,
 }
 
+impl CameraKeyframes<'_> {
+    /// The same with some of the keyframes.
+    pub(super) fn of(&self, keep: impl Fn(&ChosenKeyframe) -> bool) -> Self {
+        Self {
+            camera: self.camera,
+            keyframes: self.keyframes.iter().filter(|k| keep(k)).copied().collect(),
+            is_exposure_known: self.is_exposure_known,
+        }
+    }
+}
+
 /// A keyframe in the training.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct ChosenKeyframe {
+    /// Number among those of all cameras, one camera after the other.
+    pub(super) number: usize,
     pub(super) keyframe: Keyframe,
     /// Position in the camera's index.
     pub(super) position: usize,
@@ -41,8 +54,9 @@ pub(super) fn choose<'a>(
     let sets: Vec<u64> = sets.into_iter().collect();
     let mut cameras = Vec::new();
     let mut known_exposures: Vec<Vec<u32>> = Vec::new();
-    for (number, camera) in rig.cameras.iter().enumerate() {
-        let of_camera = keyframes.iter().filter(|k| usize::from(k.camera) == number);
+    let mut number = 0;
+    for (of, camera) in rig.cameras.iter().enumerate() {
+        let of_camera = keyframes.iter().filter(|k| usize::from(k.camera) == of);
         let entries = index.camera(&camera.name);
         let entries = entries.ok_or_else(|| ReadError::NoSuch(camera.name.clone()))?;
         let mut chosen = Vec::new();
@@ -54,12 +68,14 @@ pub(super) fn choose<'a>(
             let instant = sets.partition_point(|set| *set < keyframe.set);
             let interval = config.held_out_interval.max(1);
             chosen.push(ChosenKeyframe {
+                number,
                 keyframe: *keyframe,
                 position,
                 instant: instant as u32,
                 is_held_out: instant % interval == config.held_out_offset % interval,
                 gain: 1.0,
             });
+            number += 1;
             exposures.push(entries.frames[position].exposure_ns);
         }
         let known: Option<Vec<u32>> = exposures.into_iter().collect();

@@ -1,18 +1,19 @@
-//! From a trained scene to the output `splats`.
+//! From trained sectors to the output `splats`.
 
+use std::collections::BTreeSet;
+
+use cad_transforms::RigidTransform;
 use scene_bundle::outputs::splats::{
     HeldOut, SplatBackground, SplatCheck, SplatContent, SplatCoverage, SplatCoverageContent,
-    SplatObserved, SplatScene, SplatSector, SplatSpaceBlock, SplatTraining, SplatView, write,
+    SplatNeighbor, SplatObserved, SplatScene, SplatSector, SplatSpaceBlock, SplatTraining,
+    SplatView, write,
 };
 use scene_bundle::{BundleError, Draft};
-use splats::{Background, Coverage, GrowthCheck, Plane, Renderer, Splats, TrainingView};
+use splats::{Background, Coverage, GrowthCheck, ObservedSpace, Part, Plane, Splats};
 
 use super::config::SplatsConfig;
-use super::fit::Fit;
+use super::evaluation::{HeldOutResult, Whole};
 use crate::pipeline::StageError;
-
-/// Width up to which comparisons are reduced, px.
-const COMPARISON_WIDTH: u32 = 360;
 
 /// Names of the settings and of the model of exposures.
 #[derive(Clone, Copy, Debug)]
@@ -21,76 +22,139 @@ pub(super) struct Names {
     pub(super) exposure_model: &'static str,
 }
 
-/// Records of the views: those of the training, and held-out ones beside their images.
-pub(super) struct Views<'a> {
-    pub(super) records: Vec<SplatView>,
-    /// Index of each held-out view among the records.
-    pub(super) held_out: &'a [usize],
-    pub(super) held_out_views: &'a [TrainingView],
+/// A sector that has Gaussians.
+struct Kept<'a> {
+    cell: usize,
+    part: &'a Part,
+    /// Numbers of the views that trained it.
+    training: &'a [usize],
 }
 
-/// Writes a trained scene as one sector.
-pub(super) fn write_fit(
+/// Writes trained sectors; those without Gaussians are left out. `record` gives what the bundle
+/// records of a view by its number.
+pub(super) fn write_sectors(
     draft: &Draft,
-    fit: &Fit,
-    mut views: Views<'_>,
+    whole: &Whole<'_>,
+    held_out: &HeldOutResult,
+    record: &dyn Fn(usize) -> SplatView,
     names: Names,
-    config: &SplatsConfig,
 ) -> Result<(), StageError> {
-    let evaluation = &fit.report.evaluation;
+    let config = whole.config;
+    let kept: Vec<Kept<'_>> = (whole.sectors.iter().enumerate())
+        .filter_map(|(cell, sector)| {
+            let part = sector
+                .part
+                .as_ref()
+                .filter(|part| !part.splats.is_empty())?;
+            let training = &sector.found.training;
+            Some(Kept {
+                cell,
+                part,
+                training,
+            })
+        })
+        .collect();
+    let Some(first) = kept.first() else {
+        return Ok(write_empty(draft, names, config)?);
+    };
+    let trained = kept.iter().flat_map(|sector| sector.training);
+    let numbers: BTreeSet<usize> = trained.chain(&held_out.views).copied().collect();
+    let numbers: Vec<usize> = numbers.into_iter().collect();
+    let index = |number: &usize| numbers.partition_point(|other| other < number);
+    let mut views: Vec<SplatView> = numbers.iter().map(|number| record(*number)).collect();
+    let evaluation = &held_out.evaluation;
     let results = evaluation.psnr_db.iter().zip(&evaluation.ssim);
-    for (index, (psnr_db, ssim)) in views.held_out.iter().zip(results) {
-        views.records[*index].held_out = Some(HeldOut {
+    for (number, (psnr_db, ssim)) in held_out.views.iter().zip(results) {
+        views[index(number)].held_out = Some(HeldOut {
             psnr_db: *psnr_db,
             ssim: *ssim,
         });
     }
-    let comparisons = comparisons(fit, &views, config)?;
-    let splats = &fit.scene.splats;
-    let trained = (0..views.records.len()).filter(|k| views.records[*k].held_out.is_none());
-    let [min_m, max_m] = bounds(splats);
-    let sector = SplatSector {
-        min_m,
-        max_m,
-        count: splats.len(),
-        file: String::new(),
-        blake3: String::new(),
-        views: trained.collect(),
-        neighbors: Vec::new(),
-    };
-    let (background, sky) = match &fit.scene.background {
+    let (background, sky) = match whole.background {
         Background::Constant(color) => (SplatBackground::Constant(*color), &[][..]),
         Background::Sky(sky) => (SplatBackground::Sky { size: sky.size() }, sky.texels()),
     };
+    let parts: Vec<&Part> = kept.iter().map(|sector| sector.part).collect();
+    let checks = parts.iter().flat_map(|part| &part.checks).map(check);
     let depth_error = evaluation.depth_error;
+    let coverage = &first.part.coverage;
     let scene = SplatScene {
-        degree: splats.degree(),
+        degree: first.part.splats.degree(),
         compensated: config.render.compensate,
         background,
-        sectors: vec![sector],
-        views: views.records,
+        sectors: sectors(whole, &kept, &index),
+        views,
         training: SplatTraining {
             preset: names.preset.to_owned(),
             seed: config.seed,
             steps: config.train.steps,
-            start_count: fit.start_count,
+            start_count: parts.iter().map(|part| part.start_count).sum(),
             exposure_model: names.exposure_model.to_owned(),
             depth_error: depth_error.is_finite().then_some(depth_error),
-            checks: fit.report.checks.iter().map(check).collect(),
+            checks: checks.collect(),
         },
         coverage: Some(SplatCoverage {
-            voxel_m: fit.coverage.space().voxel_m(),
-            range_m: fit.coverage.space().range_m(),
-            sky_texels: fit.coverage.sky().size(),
+            voxel_m: coverage.space().voxel_m(),
+            range_m: coverage.space().range_m(),
+            sky_texels: coverage.sky().size(),
         }),
     };
+    let comparisons = held_out.comparisons.iter();
+    let comparisons: Vec<(usize, Vec<u8>)> = comparisons
+        .map(|of| (index(&of.view), of.png.clone()))
+        .collect();
     let content = SplatContent {
-        sectors: std::slice::from_ref(splats),
+        sectors: &parts.iter().map(|p| p.splats.clone()).collect::<Vec<_>>(),
         sky,
         comparisons: &comparisons,
-        coverage: Some(&coverage(&fit.coverage)),
+        coverage: Some(&seen(&parts)),
     };
     Ok(write(draft, &scene, &content)?)
+}
+
+/// Records of sectors: boxes are their cells, within the box of all Gaussians.
+fn sectors(
+    whole: &Whole<'_>,
+    kept: &[Kept<'_>],
+    index: &dyn Fn(&usize) -> usize,
+) -> Vec<SplatSector> {
+    let all: Vec<[[f64; 3]; 2]> = kept.iter().map(|of| bounds(&of.part.splats)).collect();
+    let outer = |k: usize, of: fn(f64, f64) -> f64, corner: usize| {
+        let along = all.iter().map(|corners| corners[corner][k]);
+        along.reduce(of).unwrap_or(0.0)
+    };
+    let corners = |(sector, [low, high]): (&Kept<'_>, &[[f64; 3]; 2])| {
+        let cell = whole.cells.bounds(sector.cell);
+        let (mut min_m, mut max_m) = (*low, *high);
+        for k in 0..2 {
+            min_m[k] = cell.min_m[k].max(outer(k, f64::min, 0));
+            max_m[k] = cell.max_m[k].min(outer(k, f64::max, 1));
+        }
+        [min_m, max_m]
+    };
+    let boxes: Vec<[[f64; 3]; 2]> = kept.iter().zip(&all).map(corners).collect();
+    let touch = |a: &[[f64; 3]; 2], b: &[[f64; 3]; 2]| {
+        (0..2).all(|k| a[0][k] <= b[1][k] && b[0][k] <= a[1][k])
+    };
+    let neighbors = |sector: usize| -> Vec<SplatNeighbor> {
+        let others = (0..kept.len()).filter(|other| *other != sector);
+        let near = others.filter(|other| touch(&boxes[sector], &boxes[*other]));
+        near.map(|sector| SplatNeighbor {
+            sector,
+            neighbor_from_sector: RigidTransform::identity(),
+        })
+        .collect()
+    };
+    let sector = |(number, of): (usize, &Kept<'_>)| SplatSector {
+        min_m: boxes[number][0],
+        max_m: boxes[number][1],
+        count: of.part.splats.len(),
+        file: String::new(),
+        blake3: String::new(),
+        views: of.training.iter().map(index).collect(),
+        neighbors: neighbors(number),
+    };
+    kept.iter().enumerate().map(sector).collect()
 }
 
 /// Writes a scene of nothing, where nothing can be trained.
@@ -116,23 +180,41 @@ pub(super) fn write_empty(
     write(draft, &scene, &SplatContent::default())
 }
 
-/// What was seen, of one sector.
-fn coverage(of: &Coverage) -> SplatCoverageContent {
-    let seen = of.gaussians().iter().map(|seen| SplatObserved {
+/// What was seen: of the Gaussians by those who trained them, of space and sky by all.
+fn seen(parts: &[&Part]) -> SplatCoverageContent {
+    let mut content = SplatCoverageContent::default();
+    let mut all: Option<(ObservedSpace, Vec<bool>)> = None;
+    for Part { coverage, .. } in parts {
+        content.gaussians.push(observed(coverage));
+        match &mut all {
+            None => all = Some((coverage.space().clone(), coverage.sky().texels().to_vec())),
+            Some((space, sky)) => {
+                space.insert_all(coverage.space());
+                for (seen, more) in sky.iter_mut().zip(coverage.sky().texels()) {
+                    *seen |= more;
+                }
+            }
+        }
+    }
+    if let Some((space, sky)) = all {
+        let blocks = space.blocks();
+        content.space = blocks
+            .map(|(index, voxels)| SplatSpaceBlock { index, voxels })
+            .collect();
+        content.sky = sky;
+    }
+    content
+}
+
+fn observed(coverage: &Coverage) -> Vec<SplatObserved> {
+    let seen = coverage.gaussians().iter().map(|seen| SplatObserved {
         instants: seen.instants,
         directions: seen.directions.0,
         finest_m: seen.finest_m,
         color_error: seen.color_error,
         depth_error: seen.depth_error,
     });
-    let space = of.space().blocks();
-    SplatCoverageContent {
-        gaussians: vec![seen.collect()],
-        space: space
-            .map(|(index, voxels)| SplatSpaceBlock { index, voxels })
-            .collect(),
-        sky: of.sky().texels().to_vec(),
-    }
+    seen.collect()
 }
 
 /// Box around the means.
@@ -155,60 +237,4 @@ fn check(of: &GrowthCheck) -> SplatCheck {
         upper_gain_db: of.upper_gain_db,
         continues: of.continues,
     }
-}
-
-/// Of each camera the held-out left image with the median PSNR, as recorded and as rendered.
-fn comparisons(
-    fit: &Fit,
-    views: &Views<'_>,
-    config: &SplatsConfig,
-) -> Result<Vec<(usize, Vec<u8>)>, StageError> {
-    let renderer = Renderer::new(config.render)?;
-    let psnr_db = &fit.report.evaluation.psnr_db;
-    let mut cameras: Vec<&str> = Vec::new();
-    for index in views.held_out {
-        let camera = views.records[*index].camera.as_str();
-        if !cameras.contains(&camera) {
-            cameras.push(camera);
-        }
-    }
-    let mut comparisons = Vec::new();
-    for camera in cameras {
-        let is_of = |k: &usize| {
-            let record = &views.records[views.held_out[*k]];
-            record.camera == camera && record.eye == camera_models::Eye::Left
-        };
-        let mut of_camera: Vec<usize> = (0..views.held_out.len()).filter(is_of).collect();
-        of_camera.sort_by(|a, b| psnr_db[*a].total_cmp(&psnr_db[*b]).then(a.cmp(b)));
-        let Some(chosen) = of_camera.get(of_camera.len() / 2) else {
-            continue;
-        };
-        let view = &views.held_out_views[*chosen];
-        let factor = view.camera.model().width.div_ceil(COMPARISON_WIDTH);
-        let view = view.reduced(factor)?;
-        let image = renderer.render(&fit.scene, &view.camera, &view.exposure);
-        let model = view.camera.model();
-        let (width, height) = (model.width as usize, model.height as usize);
-        let mut rgb = Vec::with_capacity(6 * width * height);
-        for row in 0..height {
-            rgb.extend(&view.rgb[3 * row * width..3 * (row + 1) * width]);
-            for pixel in row * width..(row + 1) * width {
-                let value = |plane: &Vec<f32>| libm::roundf(255.0 * plane[pixel]) as u8;
-                rgb.extend(image.rgb.each_ref().map(value));
-            }
-        }
-        comparisons.push((views.held_out[*chosen], png([2 * width, height], &rgb)?));
-    }
-    Ok(comparisons)
-}
-
-fn png([width, height]: [usize; 2], rgb: &[u8]) -> Result<Vec<u8>, png::EncodingError> {
-    let mut file = Vec::new();
-    let mut encoder = png::Encoder::new(&mut file, width as u32, height as u32);
-    encoder.set_color(png::ColorType::Rgb);
-    encoder.set_depth(png::BitDepth::Eight);
-    let mut writer = encoder.write_header()?;
-    writer.write_image_data(rgb)?;
-    writer.finish()?;
-    Ok(file)
 }

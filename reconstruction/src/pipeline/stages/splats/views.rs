@@ -26,11 +26,18 @@ pub(super) const BATCH: usize = 8;
 /// Most cameras of a rig: images of one frame share an exposure.
 const MAX_CAMERAS: u32 = 8;
 
-/// A view, with what the bundle records of it.
-pub(super) struct RecordedView {
+/// A view of a keyframe.
+pub(super) struct KeyframeView {
     pub(super) view: TrainingView,
-    pub(super) record: SplatView,
-    pub(super) is_held_out: bool,
+    /// Number of the view among those of all keyframes; [`view_number`].
+    pub(super) number: usize,
+    pub(super) keyframe: ChosenKeyframe,
+}
+
+/// Number of a view: left and right ones of a keyframe follow each other, whether right ones are
+/// used or not.
+pub(super) fn view_number(keyframe: &ChosenKeyframe, eye: Eye) -> usize {
+    2 * keyframe.number + usize::from(eye == Eye::Right)
 }
 
 /// Inputs of all cameras.
@@ -66,11 +73,11 @@ impl<'a> ViewMaker<'a> {
     pub(super) fn views(
         &self,
         frames: &[(View, ChosenKeyframe)],
-    ) -> Result<Vec<RecordedView>, StageError> {
+    ) -> Result<Vec<KeyframeView>, StageError> {
         let views = frames
             .par_iter()
             .map(|(frame, chosen)| self.of_frame(frame, chosen));
-        let views: Result<Vec<Vec<RecordedView>>, StageError> = views.collect();
+        let views: Result<Vec<Vec<KeyframeView>>, StageError> = views.collect();
         Ok(views?.into_iter().flatten().collect())
     }
 
@@ -78,7 +85,7 @@ impl<'a> ViewMaker<'a> {
         &self,
         frame: &View,
         chosen: &ChosenKeyframe,
-    ) -> Result<Vec<RecordedView>, StageError> {
+    ) -> Result<Vec<KeyframeView>, StageError> {
         let config = self.inputs.config;
         let depth = self.depth_of(chosen)?;
         let left_mask = masks::left(self.inputs.masks, self.camera, chosen.keyframe.frame)?;
@@ -96,7 +103,8 @@ impl<'a> ViewMaker<'a> {
         Ok(views)
     }
 
-    fn depth_of(&self, chosen: &ChosenKeyframe) -> Result<DepthOfPixels, StageError> {
+    /// Depth of the pixels of the left image of a keyframe; empty where it has none.
+    pub(super) fn depth_of(&self, chosen: &ChosenKeyframe) -> Result<DepthOfPixels, StageError> {
         let Some((view, recorded)) = &self.depth else {
             return Ok(DepthOfPixels::default());
         };
@@ -119,39 +127,50 @@ impl<'a> ViewMaker<'a> {
         image: &Image,
         chosen: &ChosenKeyframe,
         (mask, depth): (Vec<bool>, DepthOfPixels),
-    ) -> Result<RecordedView, StageError> {
-        let (config, keyframe) = (self.inputs.config, &chosen.keyframe);
-        let (model, eye_from_left) = match eye {
-            Eye::Left => (self.camera.left, RigidTransform::identity()),
-            Eye::Right => (self.camera.right, self.camera.right_from_left),
-        };
-        let world_from_camera = keyframe.world_from_left * eye_from_left.inverse();
-        let rig_from_camera = self.camera.rig_from_left * eye_from_left.inverse();
-        let shutter = self.shutter(&rig_from_camera, keyframe.time_ns);
-        let camera = camera(model, &world_from_camera, shutter.as_ref())?;
+    ) -> Result<KeyframeView, StageError> {
+        let record = self.record(eye, chosen);
+        let model = self.model(eye);
+        let camera = camera(model, &record.world_from_camera, record.shutter.as_ref())?;
         let mut view = TrainingView::new(camera, rgb(image), chosen.instant);
-        view.exposure_group = MAX_CAMERAS * chosen.instant + u32::from(keyframe.camera);
+        view.exposure_group = MAX_CAMERAS * chosen.instant + u32::from(chosen.keyframe.camera);
         view.mask = mask;
         view.depth_m = depth.depth_m;
         view.depth_sigma_m = depth.sigma_m;
-        view.exposure = Exposure::from_log_gain([libm::logf(chosen.gain); 3]);
-        let record = SplatView {
+        view.exposure = exposure(chosen);
+        Ok(KeyframeView {
+            view: view.reduced(self.inputs.config.reduction)?,
+            number: view_number(chosen, eye),
+            keyframe: *chosen,
+        })
+    }
+
+    fn model(&self, eye: Eye) -> CameraModel {
+        match eye {
+            Eye::Left => self.camera.left,
+            Eye::Right => self.camera.right,
+        }
+    }
+
+    /// What the bundle records of a view, as if the scene was trained with it.
+    pub(super) fn record(&self, eye: Eye, chosen: &ChosenKeyframe) -> SplatView {
+        let keyframe = &chosen.keyframe;
+        let eye_from_left = match eye {
+            Eye::Left => RigidTransform::identity(),
+            Eye::Right => self.camera.right_from_left,
+        };
+        let rig_from_camera = self.camera.rig_from_left * eye_from_left.inverse();
+        SplatView {
             camera: self.camera.name.clone(),
             eye,
             frame: keyframe.frame,
             set: keyframe.set,
             time_ns: keyframe.time_ns,
-            world_from_camera,
-            shutter,
-            reduction: config.reduction,
-            exposure: view.exposure.matrix,
+            world_from_camera: keyframe.world_from_left * eye_from_left.inverse(),
+            shutter: self.shutter(&rig_from_camera, keyframe.time_ns),
+            reduction: self.inputs.config.reduction,
+            exposure: exposure(chosen).matrix,
             held_out: None,
-        };
-        Ok(RecordedView {
-            view: view.reduced(config.reduction)?,
-            record,
-            is_held_out: chosen.is_held_out,
-        })
+        }
     }
 
     /// Motion of a camera with a rolling shutter at a time; `None` for a global shutter and where
@@ -173,6 +192,10 @@ impl<'a> ViewMaker<'a> {
             rate_rad_s: motion.rotation_vector().map(|w| w / seconds),
         })
     }
+}
+
+fn exposure(chosen: &ChosenKeyframe) -> Exposure {
+    Exposure::from_log_gain([libm::logf(chosen.gain); 3])
 }
 
 /// The camera of an image as recorded.

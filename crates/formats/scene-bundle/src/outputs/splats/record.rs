@@ -134,13 +134,14 @@ pub struct SplatTraining {
     pub preset: String,
     /// Seed of the random numbers.
     pub seed: u64,
-    /// Number of steps, one image each.
+    /// Number of steps of each sector, one image each.
     pub steps: usize,
-    /// Number of Gaussians at the start.
+    /// Number of Gaussians at the start of all trainings.
     pub start_count: usize,
     /// How the exposures of the images were known.
     pub exposure_model: String,
-    /// Median relative error of depth in the held-out images.
+    /// Median relative error of depth in the held-out images; of several sectors the mean of
+    /// theirs, weighted by images.
     pub depth_error: Option<f64>,
     /// Comparisons of two numbers of Gaussians by held-out PSNR, in order: the curve.
     pub checks: Vec<SplatCheck>,

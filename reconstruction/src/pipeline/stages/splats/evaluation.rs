@@ -1,0 +1,108 @@
+//! Held-out images compared with the scene as it is stored: a sector with those around it.
+
+use scene_bundle::outputs::splats::SplatView;
+use splats::{
+    Background, Cells, Evaluation, Part, Renderer, Scene, SplatError, Splats, TrainingView,
+};
+
+use super::comparison::{self, Comparison};
+use super::config::SplatsConfig;
+use super::sectors::TrainedSector;
+use crate::pipeline::StageError;
+
+/// Quality in the held-out images of all sectors.
+#[derive(Debug, Default)]
+pub(super) struct HeldOutResult {
+    /// Numbers of the views, sector by sector.
+    pub(super) views: Vec<usize>,
+    /// Of these views. The error of depth of several sectors is the mean of theirs, weighted by
+    /// their numbers of views.
+    pub(super) evaluation: Evaluation,
+    /// Some of them beside the recorded images.
+    pub(super) comparisons: Vec<Comparison>,
+}
+
+/// Trained sectors before their common background.
+pub(super) struct Whole<'a> {
+    pub(super) cells: &'a Cells,
+    pub(super) sectors: &'a [TrainedSector],
+    pub(super) background: &'a Background,
+    pub(super) config: &'a SplatsConfig,
+}
+
+impl Whole<'_> {
+    /// Compares the held-out images of all sectors. `read` gives those of a sector, `record` what
+    /// the bundle records of a view.
+    ///
+    /// # Errors
+    /// Those of the images, [`SplatError`].
+    pub(super) fn evaluate(
+        &self,
+        read: &mut dyn FnMut(usize) -> Result<Vec<TrainingView>, StageError>,
+        record: &dyn Fn(usize) -> SplatView,
+    ) -> Result<HeldOutResult, StageError> {
+        let renderer = Renderer::new(self.config.render)?;
+        let mut result = HeldOutResult::default();
+        let (mut comparisons, mut depth_errors) = (Vec::new(), Vec::new());
+        for (sector, trained) in self.sectors.iter().enumerate() {
+            let numbers = &trained.found.held_out;
+            if numbers.is_empty() {
+                continue;
+            }
+            let views = read(sector)?;
+            let scene = self.scene_around(sector)?;
+            let of_sector = Evaluation::new(&renderer, &scene, &views);
+            let records: Vec<SplatView> = numbers.iter().map(|number| record(*number)).collect();
+            for k in comparison::medians(&records, &of_sector.psnr_db) {
+                comparisons.push(Comparison {
+                    view: numbers[k],
+                    camera: records[k].camera.clone(),
+                    psnr_db: of_sector.psnr_db[k],
+                    png: comparison::png(&renderer, &scene, &views[k])?,
+                });
+            }
+            if of_sector.depth_error.is_finite() {
+                depth_errors.push([of_sector.depth_error, views.len() as f64]);
+            }
+            result.views.extend(numbers);
+            result.evaluation.psnr_db.extend(of_sector.psnr_db);
+            result.evaluation.ssim.extend(of_sector.ssim);
+        }
+        result.evaluation.depth_error = match depth_errors.as_slice() {
+            [[error, _]] => *error,
+            all => {
+                let weights: f64 = all.iter().map(|[_, weight]| weight).sum();
+                all.iter()
+                    .map(|[error, weight]| error * weight)
+                    .sum::<f64>()
+                    / weights
+            }
+        };
+        result.comparisons = comparison::of_each_camera(comparisons);
+        Ok(result)
+    }
+
+    /// A sector and those around it.
+    fn scene_around(&self, sector: usize) -> Result<Scene, SplatError> {
+        let near = self.cells.within(sector, self.config.sectors.view_reach_m);
+        let parts = near.iter().filter_map(|k| self.sectors[*k].part.as_ref());
+        Ok(Scene {
+            splats: joined(parts)?,
+            background: self.background.clone(),
+        })
+    }
+}
+
+/// The Gaussians of parts of one degree, in order.
+fn joined<'p>(mut parts: impl Iterator<Item = &'p Part>) -> Result<Splats, SplatError> {
+    let Some(first) = parts.next() else {
+        return Ok(Splats::empty(0)?);
+    };
+    let mut planes = first.splats.planes().to_vec();
+    for part in parts {
+        for (plane, more) in planes.iter_mut().zip(part.splats.planes()) {
+            plane.extend(more);
+        }
+    }
+    Ok(Splats::from_planes(first.splats.degree(), planes)?)
+}
