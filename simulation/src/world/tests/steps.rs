@@ -309,8 +309,9 @@ fn a_straight_walk_to_the_goal_has_spl_one() {
 #[test]
 fn sectors_are_crossed_around_the_corridor() {
     let scene = SyntheticScene::corridor_loop().unwrap().scene;
-    let mut config = config(1, Task::FollowPath);
+    let mut config = config(1, Task::Velocity);
     config.end.time_limit_s = 100.0;
+    config.end.max_deviation_m = 100.0;
     config.start.mode = StartMode::Recorded;
     let mut world = World::new(scene, config).unwrap();
     world.reset(None, None).unwrap();
