@@ -228,9 +228,10 @@ config! {
         /// Depth of the height layer below the surface of parts of planes, m: how deep the joint
         /// between part and layer may be. Less, and feet that sink in by millimetres touch both.
         pub layer_seam_m: f64 = 0.005,
-        /// Maximum width of the upper ground beside a step that is left out where no part covers
-        /// it, for a step that is as steep as the part's border, m. Where it would be more, the
-        /// layer makes a slope of a cell of the step. Half the diagonal of a cell of 4 cm.
+        /// Maximum width of the upper ground above a step that is left out where no part covers it,
+        /// for a step that is as steep as the part's border, m. Where it would be more, the layer
+        /// makes a slope of the step, at most as wide above a part of the lower ground. Half the
+        /// diagonal of a cell of 4 cm.
         pub max_smear_m: f64 = 0.03,
         /// Maximum distance of a cell's height from the plane that stands for it, m.
         pub max_plane_distance_m: f64 = 0.03,

@@ -249,9 +249,13 @@ fn a_kerb_is_as_steep_as_its_part_and_else_a_slope_of_a_cell() {
         let surface = kerb(place).collision(&config);
         for y in [-0.9, -0.7, -0.42, 0.0, 0.33, 0.8] {
             let is_part = f64::abs(y) < 0.5;
-            let reach = if is_part { 0.01 } else { diagonal };
+            // Off the part the step is a slope, hardly on the road and a cell wide on the pavement.
+            let reach = match is_part {
+                true => [0.01; 2],
+                false => [config.max_smear_m, diagonal],
+            };
             for (at, error) in errors(&surface, kerb_height, line([-0.9, y], [0.9, y])) {
-                let bound = if at[0].abs() > reach {
+                let bound = if at[0] < -reach[0] || at[0] > reach[1] {
                     seam
                 } else {
                     KERB_M + seam

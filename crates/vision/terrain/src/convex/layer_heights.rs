@@ -1,10 +1,11 @@
 //! Heights of the layer of a level, so that its triangles and the parts make one surface.
 //!
 //! Contract: under a part the layer is `layer_seam_m` below its surface, so that it goes on without
-//! a ditch where the part ends. Beside a step it is below the lower ground instead, if parts cover
+//! a ditch where the part ends. Above a step it is below the lower ground instead, if parts cover
 //! all of the upper ground around the sample or leave out at most `max_smear_m`: then the step is
-//! as steep as the part's border. Where more is left out, and where no part is above a step, the
-//! step is a slope between two samples.
+//! as steep as the part's border. Where more is left out, the step is a slope between two samples.
+//! Below a step whose lower ground is covered, the layer is so deep that this slope is at most
+//! `max_smear_m` wide above the lower part.
 
 use rayon::prelude::*;
 
@@ -103,29 +104,52 @@ impl Layer<'_> {
         inside.then_some((row * columns + column) as usize)
     }
 
-    /// Whether the ground at a sample is at the height of a surface or above it, rather than below.
-    fn is_on(&self, face: &Face, index: usize) -> bool {
-        let plane = face.height(self.level.center(index));
-        self.ground[index].height >= plane - self.config.max_plane_distance_m
+    /// Height of the ground at a sample above a surface; NaN where unknown.
+    fn rise(&self, face: &Face, index: usize) -> f64 {
+        self.ground[index].height - face.height(self.level.center(index))
     }
 
-    /// Least height of parts and lower ground around a sample; `None` if ground at the height of
-    /// its surface would be in a ditch with a layer below them.
+    /// Whether the ground at a sample is below a surface, rather than at its height or above it.
+    fn is_below(&self, face: &Face, index: usize) -> bool {
+        self.rise(face, index) < -self.config.max_plane_distance_m
+    }
+
+    /// Whether the ground at a sample is above a surface, rather than at its height or below it.
+    fn is_above(&self, face: &Face, index: usize) -> bool {
+        self.rise(face, index) > self.config.max_plane_distance_m
+    }
+
+    /// Depth below a surface at which the slope from higher ground at a neighbor is `max_smear_m`
+    /// wide above the surface.
+    fn drop(&self, face: &Face, index: usize, higher: usize) -> f64 {
+        let centers = [index, higher].map(|index| self.level.center(index));
+        let away = [0, 1].map(|k| centers[1][k] - centers[0][k]);
+        let ratio = away[0].hypot(away[1]) / self.config.max_smear_m;
+        self.rise(face, higher) * (ratio - 1.0).max(0.0)
+    }
+
+    /// Greatest height of the layer at a sample below parts and beside steps; `None` if ground at
+    /// the height of its surface would be in a ditch then.
     fn below_parts(&self, index: usize, face: &Face) -> Option<f64> {
         let around = AROUND.map(|step| self.neighbor(index, step));
-        let surface = |other: usize| face.height(self.level.center(other));
-        let is_inside = |other: usize| face.contains(self.level.center(other));
-        if around.iter().flatten().all(|other| is_inside(*other)) {
-            return Some(surface(index));
+        let neighbors = around.iter().copied().flatten();
+        let higher = neighbors
+            .clone()
+            .filter(|other| self.is_above(face, *other));
+        let drop = higher.map(|other| self.drop(face, index, other));
+        let mut least = face.height(self.level.center(index)) - drop.fold(0.0, f64::max);
+        let mut all = neighbors.clone();
+        if all.all(|other| face.contains(self.level.center(other))) {
+            return Some(least);
         }
-        let mut least = f64::INFINITY;
-        for other in around.into_iter().flatten() {
+        for other in neighbors {
             let ground = self.ground[other];
-            match ground.face {
-                Some(part) => least = least.min(part.height(self.level.center(other))),
-                None if ground.height.is_nan() => {}
-                None if self.is_on(face, other) => return None,
-                None => least = least.min(ground.height + self.config.layer_seam_m),
+            if let Some(part) = ground.face {
+                least = least.min(part.height(self.level.center(other)));
+            } else if self.is_below(face, other) {
+                least = least.min(ground.height + self.config.layer_seam_m);
+            } else if !ground.height.is_nan() && !self.is_above(face, other) {
+                return None;
             }
         }
         for side in 0..around.len() {
@@ -144,7 +168,7 @@ impl Layer<'_> {
         let is_known = corners
             .iter()
             .all(|index| !self.ground[*index].height.is_nan());
-        let has_step = corners.iter().any(|index| !self.is_on(face, *index));
+        let has_step = corners.iter().any(|index| self.is_below(face, *index));
         let mut least = f64::INFINITY;
         for first in 1..=PARTS {
             for second in 0..=PARTS - first {
@@ -165,7 +189,9 @@ impl Layer<'_> {
                 let nearest = (0..3).rev().max_by_key(|k| weights[*k]).unwrap_or(0);
                 let away = [0, 1].map(|k| at[k] - centers[nearest][k]);
                 let is_left_out = has_step && away[0].hypot(away[1]) <= self.config.max_smear_m;
-                if self.is_on(face, corners[nearest]) && !is_left_out {
+                let is_of_surface = !self.is_below(face, corners[nearest])
+                    && !self.is_above(face, corners[nearest]);
+                if is_of_surface && !is_left_out {
                     return None;
                 }
             }
