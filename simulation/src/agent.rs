@@ -75,12 +75,12 @@ pub fn advance(
     }
     let velocity = motion::velocity(config, drive, state, &parts, dt_s);
     let arc = motion::Arc::new(state, velocity, dt_s);
-    let swept = collision::sweep(ground, config.slides, state, &arc);
+    let sweep = collision::sweep(ground, config.slides, state, &arc);
     let mut next = *state;
-    let [x, y] = swept.position_m;
-    next.position_m = [x, y, swept.height_m];
-    next.yaw_rad = arc.yaw_rad(swept.share);
-    next.velocity = match swept.blocked {
+    let [x, y] = sweep.position_m;
+    next.position_m = [x, y, sweep.height_m];
+    next.yaw_rad = arc.yaw_rad(sweep.share);
+    next.velocity = match sweep.blocked {
         None => velocity,
         Some(_) if config.slides => {
             // The mean velocity of what it did.
@@ -90,14 +90,14 @@ pub fn advance(
         }
         Some(_) => [0.0; 3],
     };
-    next.level = swept.level;
+    next.level = sweep.level;
     match Footing::at(ground, config, next.position_m, next.yaw_rad) {
         Some(footing) => footing.place(&mut next),
         None => next.is_on_ground = false,
     }
     Motion {
         state: next,
-        blocked: swept.blocked,
-        distance_m: swept.length_m,
+        blocked: sweep.blocked,
+        distance_m: sweep.length_m,
     }
 }

@@ -46,7 +46,8 @@ use single::{vector, vector_f64};
 /// let ground = Collision { parts: vec![slab], ..Collision::default() };
 ///
 /// let mut bodies = RigidBodies::new(&ground, BodiesConfig::default())?;
-/// let ball = bodies.add(&Body::new(BodyShape::Ball { radius_m: 0.1 }, 1.0, [0.0, 0.0, 0.5]))?;
+/// let ball = Body::new(BodyShape::Ball { radius_m: 0.1 }, 1.0, [0.0, 0.0, 0.5])?;
+/// let ball = bodies.add(&ball)?;
 /// for _ in 0..1000 {
 ///     bodies.step()?;
 /// }
@@ -68,8 +69,9 @@ impl RigidBodies {
     /// Bodies on convex parts and height layers; none yet. Unknown cells of a layer are holes.
     ///
     /// # Errors
-    /// [`SimulationError::Setting`]; [`SimulationError::Scene`] for a layer of more cells than a
-    /// height field of the engine can have.
+    /// [`SimulationError::Setting`]; [`SimulationError::Scene`] for vertices and heights that are
+    /// not finite, and for layers with another number of heights than cells, without a size of
+    /// cells, or of more cells than a height field of the engine can have.
     pub fn new(collision: &Collision, config: BodiesConfig) -> Result<Self, SimulationError> {
         config.check()?;
         let ground = Ground::new(collision, &config)?;
@@ -131,8 +133,8 @@ impl RigidBodies {
         impulse_n_s: [f64; 3],
         point_m: [f64; 3],
     ) -> Result<(), SimulationError> {
-        body::check_vector("impulse_n_s", impulse_n_s)?;
-        body::check_vector("point_m", point_m)?;
+        body::check_vector("impulse_n_s", impulse_n_s, body::MAX_NUMBER)?;
+        body::check_vector("point_m", point_m, body::MAX_NUMBER)?;
         let handle = self.handle(body)?;
         if let Some(found) = self.world.bodies.get_mut(handle) {
             found.apply_impulse_at_point(vector(impulse_n_s), vector(point_m), true);
@@ -143,15 +145,16 @@ impl RigidBodies {
     /// One step of `BodiesConfig::step_s`.
     ///
     /// # Errors
-    /// [`SimulationError::State`] if the state of a body is no longer finite.
+    /// [`SimulationError::State`] from the step on in which the velocity or a force of a body was
+    /// not finite: the engine takes such a body out of the computation. The others go on.
     pub fn step(&mut self) -> Result<(), SimulationError> {
         self.world.step();
-        let lost = self.world.quarantine().bodies();
-        let number = |handle| self.handles.iter().position(|own| *own == handle);
-        match lost.first().and_then(|handle| number(*handle)) {
+        let is_out = |handle: &RigidBodyHandle| !self.world.bodies[*handle].is_enabled();
+        match self.handles.iter().position(is_out) {
             None => Ok(()),
             Some(body) => Err(SimulationError::State(format!(
-                "body {body}: its state is no longer finite, expected numbers; restore a snapshot"
+                "body {body} is no longer computed: found a velocity or force that is not finite, \
+                 expected numbers; restore a snapshot"
             ))),
         }
     }
@@ -195,14 +198,15 @@ impl RigidBodies {
 }
 
 fn integration(config: &BodiesConfig) -> IntegrationParameters {
-    let ground = SpringCoefficients::new(
+    let contacts = SpringCoefficients::new(
         config.contact_frequency_hz as f32,
         config.contact_damping as f32,
     );
     IntegrationParameters {
         dt: config.step_s as f32,
         num_solver_iterations: config.solver_iterations,
-        static_contact_softness: ground,
+        contact_softness: contacts,
+        static_contact_softness: contacts,
         // Contacts are those of the step, not of a pose up to 5 cm away.
         contact_recycling: false,
         ..IntegrationParameters::default()

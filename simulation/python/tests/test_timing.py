@@ -92,23 +92,26 @@ class Timing(unittest.TestCase):
         self.assertLessEqual(ages.max(), 0.46)
 
     def test_snapshots_and_pickles_go_on_with_the_same_images(self):
-        env = vector("gauss_gym", n=2)
-        env.reset(seed=5)
+        regular = {"interval_s": [0.1, 0.1], "latency_s": [0.15, 0.15]}
         actions = np.tile([0.7, 0.4], (2, 1))
-        for _ in range(7):
-            env.step(actions)
-        snapshot = env.save(1)
-        self.assertLessEqual(len(snapshot), 4096)
-        other, elsewhere = pickle.loads(pickle.dumps(env)), vector("gauss_gym", n=3)
-        elsewhere.reset(seed=99)
-        elsewhere.restore(2, snapshot)
-        for _ in range(20):
-            a, b = env.step(actions), other.step(actions)
-            c = elsewhere.step(np.tile([0.7, 0.4], (3, 1)))
-            for part in IMAGES:
-                np.testing.assert_array_equal(a[0][part], b[0][part])
-                np.testing.assert_array_equal(a[0][part][1], c[0][part][2])
-            np.testing.assert_array_equal(a[4]["frame_age_s"], b[4]["frame_age_s"])
+        # Right after the reset too.
+        for timing, steps in (("gauss_gym", 7), (regular, 0), (regular, 3)):
+            env = vector(timing, n=2)
+            env.reset(seed=5)
+            for _ in range(steps):
+                env.step(actions)
+            snapshot = env.save(1)
+            self.assertLessEqual(len(snapshot), 4096)
+            other, elsewhere = pickle.loads(pickle.dumps(env)), vector(timing, n=3)
+            elsewhere.reset(seed=99)
+            elsewhere.restore(2, snapshot)
+            for _ in range(20):
+                a, b = env.step(actions), other.step(actions)
+                c = elsewhere.step(np.tile([0.7, 0.4], (3, 1)))
+                for part in IMAGES:
+                    np.testing.assert_array_equal(a[0][part], b[0][part])
+                    np.testing.assert_array_equal(a[0][part][1], c[0][part][2])
+                np.testing.assert_array_equal(a[4]["frame_age_s"], b[4]["frame_age_s"])
         with self.assertRaises(paws_sim.SnapshotError):
             vector().restore(0, snapshot)
 

@@ -6,8 +6,12 @@ use rapier3d::prelude::{Collider, ColliderBuilder, RigidBody, RigidBodyBuilder};
 use super::single;
 use crate::error::{SimulationError, check_range};
 
-/// Largest number of a body, in its unit.
-const MAX_NUMBER: f64 = 1e6;
+/// Largest position, m, mass, kg, and impulse, N s.
+pub(super) const MAX_NUMBER: f64 = 1e6;
+/// Largest component of a velocity: above 400 m/s the engine shortens it.
+const MAX_SPEED_M_S: f64 = 200.0;
+/// Largest component of an angular velocity: half of a turn in the longest time step is more.
+const MAX_RATE_RAD_S: f64 = 30.0;
 
 /// A rigid body of one or more shapes of equal density.
 #[derive(Clone, Debug, PartialEq)]
@@ -61,15 +65,29 @@ pub struct BodyState {
 
 impl Body {
     /// A body of one shape at rest, its axes those of the world.
-    pub fn new(shape: BodyShape, mass_kg: f64, position_m: [f64; 3]) -> Self {
-        let unturned = RigidTransform::identity();
-        Self {
-            shapes: vec![(shape, unturned)],
+    ///
+    /// # Errors
+    /// [`SimulationError::Setting`] for a position that is not finite or beyond 10^6 m.
+    pub fn new(
+        shape: BodyShape,
+        mass_kg: f64,
+        position_m: [f64; 3],
+    ) -> Result<Self, SimulationError> {
+        check_vector("body.position_m", position_m, MAX_NUMBER)?;
+        let world_from_body = RigidTransform::from_translation_m(position_m).map_err(|error| {
+            SimulationError::Setting {
+                name: "body.position_m".to_owned(),
+                found: format!("{position_m:?}: {error}"),
+                expected: "a position".to_owned(),
+            }
+        })?;
+        Ok(Self {
+            shapes: vec![(shape, RigidTransform::identity())],
             mass_kg,
-            world_from_body: RigidTransform::from_translation_m(position_m).unwrap_or(unturned),
+            world_from_body,
             velocity_m_s: [0.0; 3],
             angular_velocity_rad_s: [0.0; 3],
-        }
+        })
     }
 
     pub(super) fn check(&self) -> Result<(), SimulationError> {
@@ -81,12 +99,15 @@ impl Body {
             });
         }
         check_extent("body.mass_kg", self.mass_kg)?;
-        check_vector("body.velocity_m_s", self.velocity_m_s)?;
-        check_vector("body.angular_velocity_rad_s", self.angular_velocity_rad_s)?;
-        check_vector("body.world_from_body", self.world_from_body.translation_m())?;
+        let (velocity, rate) = (self.velocity_m_s, self.angular_velocity_rad_s);
+        check_vector("body.velocity_m_s", velocity, MAX_SPEED_M_S)?;
+        check_vector("body.angular_velocity_rad_s", rate, MAX_RATE_RAD_S)?;
+        let position_m = self.world_from_body.translation_m();
+        check_vector("body.world_from_body", position_m, MAX_NUMBER)?;
         for (shape, body_from_shape) in &self.shapes {
             shape.check()?;
-            check_vector("body.body_from_shape", body_from_shape.translation_m())?;
+            let position_m = body_from_shape.translation_m();
+            check_vector("body.body_from_shape", position_m, MAX_NUMBER)?;
         }
         Ok(())
     }
@@ -167,13 +188,8 @@ fn check_extent(name: &str, value: f64) -> Result<(), SimulationError> {
 }
 
 /// Refuses components that are not finite or too large.
-pub(super) fn check_vector(name: &str, value: [f64; 3]) -> Result<(), SimulationError> {
-    value.into_iter().try_for_each(|v| {
-        check_range(
-            name,
-            v,
-            [-MAX_NUMBER, MAX_NUMBER],
-            "numbers within -10^6 to 10^6",
-        )
-    })
+pub(super) fn check_vector(name: &str, value: [f64; 3], most: f64) -> Result<(), SimulationError> {
+    let expected = format!("numbers from -{most} to {most}");
+    let mut values = value.into_iter();
+    values.try_for_each(|v| check_range(name, v, [-most, most], &expected))
 }

@@ -2,7 +2,7 @@
 
 use estimator_config::config;
 
-use crate::error::{SimulationError, check_positive, check_range};
+use crate::error::{SimulationError, check_range};
 
 config! {
     /// Time step, gravity and contacts of rigid bodies.
@@ -14,10 +14,10 @@ config! {
         pub gravity_m_s2: f64 = 9.81,
         /// Coefficient of friction of all pairs: rubber on stone. Lower slides on slopes.
         pub friction: f64 = 1.0,
-        /// Natural frequency of contacts with the ground, Hz; the engine's default. Higher is
-        /// stiffer, above half of the rate of steps it has no effect.
+        /// Natural frequency of contacts, Hz; the engine's default for ground. Higher is stiffer,
+        /// above half of the rate of steps it has no effect.
         pub contact_frequency_hz: f64 = 60.0,
-        /// Damping ratio of contacts with the ground; the engine's default. Lower bounces.
+        /// Damping ratio of contacts; the engine's default. Lower bounces.
         pub contact_damping: f64 = 10.0,
         /// Iterations of the solver in a step; the engine's default. Fewer let stacks sink.
         pub solver_iterations: usize = 4,
@@ -41,8 +41,18 @@ impl BodiesConfig {
             "0 to 100 m/s2",
         )?;
         check_range("friction", self.friction, [0.0, 100.0], "0 to 100")?;
-        check_positive("contact_frequency_hz", self.contact_frequency_hz)?;
-        check_positive("contact_damping", self.contact_damping)?;
+        check_range(
+            "contact_frequency_hz",
+            self.contact_frequency_hz,
+            [1.0, 1e5],
+            "1 to 100000 Hz",
+        )?;
+        check_range(
+            "contact_damping",
+            self.contact_damping,
+            [1e-3, 1e3],
+            "0.001 to 1000",
+        )?;
         check_range(
             "solver_iterations",
             self.solver_iterations as f64,

@@ -7,7 +7,8 @@ use super::single::vector_f64;
 /// A point at which a body touches something.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BodyContact {
-    /// The point on the body, in the world, m.
+    /// The point on the body, in the world, m. It and the gap were found at the begin of the last
+    /// step and moved with the body since.
     pub point_m: [f64; 3],
     /// Unit vector from what it touches to the body, in the world.
     pub normal: [f64; 3],

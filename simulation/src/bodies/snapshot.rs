@@ -49,10 +49,22 @@ impl RigidBodies {
             let found = "one of another ground or configuration";
             return Err(refused(found, "one of this ground and configuration"));
         }
-        let decoded: Result<(PhysicsWorld, Vec<RigidBodyHandle>), _> =
-            postcard::from_bytes(content);
-        let (world, handles) =
+        let decoded: Result<((PhysicsWorld, Vec<RigidBodyHandle>), &[u8]), _> =
+            postcard::take_from_bytes(content);
+        let ((world, handles), rest) =
             decoded.map_err(|error| refused(&error.to_string(), "a state of rigid bodies"))?;
+        if let Some(lost) = handles.iter().position(|own| !world.bodies.contains(*own)) {
+            return Err(refused(
+                &format!("no body {lost}"),
+                "all bodies that were added",
+            ));
+        }
+        if !rest.is_empty() {
+            return Err(refused(
+                &format!("{} bytes after the state", rest.len()),
+                "none",
+            ));
+        }
         self.world = world;
         self.handles = handles;
         Ok(())

@@ -131,7 +131,8 @@ impl FrameQueue {
         let now_ns = at_step_ns(steps);
         let next = match schedule.interval_ns {
             0 => steps,
-            _ if now_ns < schedule.phase_ns => 0,
+            // The first step captures a frame of the time of the reset, not the reset.
+            _ if steps == 0 || now_ns < schedule.phase_ns => 0,
             interval_ns => ((now_ns - schedule.phase_ns) / interval_ns) as u64 + 1,
         };
         let in_transit = next.checked_sub(shown)?;

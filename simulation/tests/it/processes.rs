@@ -1,11 +1,12 @@
-//! Exam 6.14 in another process: an environment that was saved goes on there with the same bits.
+//! Exam 6.14 in another process: an environment that was saved goes on there with the same bits,
+//! its late frames too.
 
 use std::env;
 use std::fs;
 use std::process::Command;
 
 use simulation::testing::SyntheticScene;
-use simulation::{Task, World, WorldConfig};
+use simulation::{Task, TimingConfig, World, WorldConfig};
 
 /// Names the snapshot in the process that goes on from it.
 const SNAPSHOT: &str = "PAWS_TEST_SNAPSHOT";
@@ -23,6 +24,7 @@ fn world(environments: usize, seed: u64) -> World {
     config.task.task = Task::PointGoal;
     config.end.time_limit_s = 8.0;
     config.randomization.speed_scale = [0.7, 1.3];
+    config.timing = TimingConfig::regular(10.0, 0.15);
     let mut world = World::new(scene, config).unwrap();
     world.reset(None, None).unwrap();
     world
@@ -35,14 +37,16 @@ fn history(world: &mut World, of: usize, from: u64) -> String {
     let mut hasher = blake3::Hasher::new();
     for step in from..from + STEPS {
         let action = [0, 1].map(|k| 2.0 * counter_random::uniform(5, k, step) - 0.9);
-        let reward = world.step(&action.repeat(count)).unwrap().rewards[of];
-        hasher.update(&reward.to_le_bytes());
+        let result = world.step(&action.repeat(count)).unwrap();
+        hasher.update(&result.rewards[of].to_le_bytes());
+        hasher.update(&result.frame_age_s[of].to_le_bytes());
         let observations = world.observations();
         let length = observations.len() / count;
         for value in &observations[of * length..(of + 1) * length] {
             hasher.update(&value.to_le_bytes());
         }
-        let (sector, pose) = world.world_from_camera(of);
+        let shown = world.frame_request(of);
+        let (sector, pose) = (shown.sector, shown.world_from_camera);
         hasher.update(&sector.to_le_bytes());
         for value in pose.rotation_wxyz().into_iter().chain(pose.translation_m()) {
             hasher.update(&value.to_le_bytes());

@@ -234,7 +234,8 @@ fn numbers_and_times_follow_from_the_steps() {
         latency_s: [0.0, 0.3],
         ..TimingConfig::default()
     };
-    for config in [TimingConfig::gauss_gym(), late_steps] {
+    let regular = TimingConfig::regular(10.0, 0.15);
+    for config in [TimingConfig::gauss_gym(), late_steps, regular] {
         config.check_steps(0.05).unwrap();
         for seed in 0..20 {
             let schedule = CameraSchedule::draw(&config, seed, 1);

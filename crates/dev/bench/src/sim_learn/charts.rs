@@ -3,13 +3,11 @@
 use charts::{Axis, Chart, Series};
 use serde_json::{Map, Value};
 
+use super::summary::{SPEED, SUCCESS};
 use crate::stamp;
 
 const WIDTH: u32 = 760;
 const HEIGHT: u32 = 420;
-/// Steps per second through `VectorEnv.step`.
-const SPEED_GOAL: f64 = 200_000.0;
-const SUCCESS_GOAL: f64 = 0.8;
 
 /// The chart of a part, of its rows.
 type Draw = fn(&[Value]) -> Chart;
@@ -65,7 +63,7 @@ fn speed(rows: &[Value]) -> Chart {
         .y_axis(Axis::linear("steps", "1/s").include(0.0))
         .series(Series::bars("by the clock", values("steps_per_s")))
         .series(Series::bars("of processor time", values("steps_per_cpu_s")))
-        .hline(SPEED_GOAL, "goal")
+        .hline(SPEED[0], "goal")
 }
 
 fn state(rows: &[Value]) -> Chart {
@@ -77,7 +75,7 @@ fn state(rows: &[Value]) -> Chart {
         .fold(chart, |chart, row| {
             chart.series(curve(scene(row), &row["curve"]))
         })
-        .hline(SUCCESS_GOAL, "goal on unseen goals")
+        .hline(SUCCESS[1], "goal on unseen goals")
 }
 
 fn images(rows: &[Value]) -> Chart {

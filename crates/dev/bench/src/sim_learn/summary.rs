@@ -3,11 +3,11 @@
 use serde_json::{Value, json};
 
 /// Success before and after a training.
-const SUCCESS: [f64; 2] = [0.10, 0.80];
+pub(super) const SUCCESS: [f64; 2] = [0.10, 0.80];
 /// Steps per second, and resets per step.
-const SPEED: [f64; 2] = [200_000.0, 0.01];
+pub(super) const SPEED: [f64; 2] = [200_000.0, 0.01];
 /// Of the return of a policy that sees over random actions, in standard deviations.
-pub(super) const SIGMA: f64 = 5.0;
+const SIGMA: f64 = 5.0;
 
 /// Goals of a part.
 pub(super) fn goals(part: &str) -> Value {

@@ -6,7 +6,7 @@
 
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, bail, ensure};
 use cad_transforms::RigidTransform;
 use scene_bundle::outputs::collision::{Collision, ConvexPart, HeightLayer, PartKind};
 use scene_bundle::outputs::grid::Grid;
@@ -35,6 +35,8 @@ struct Case {
     mass_kg: f64,
     position_m: [f64; 3],
     velocity_m_s: [f64; 3],
+    /// Height of its origin above its sole, m.
+    sole_m: f64,
     /// Height of its origin at rest, m; `None` where the ground is not level.
     rest_m: Option<f64>,
 }
@@ -60,9 +62,15 @@ pub(super) fn bodies(folder: &Path) -> Result<Vec<Value>> {
     };
     let mut jobs = Vec::new();
     for (case, step_ms) in &all {
-        jobs.push(case.to_json(&ground_of(case)?.2, 1e-3 * step_ms));
+        jobs.push(case.to_json(&ground_of(case)?.2, 1e-3 * step_ms)?);
     }
     let answer = python::ask_in(python::PHYSICS, SCRIPT, &json!({ "jobs": jobs }))?;
+    let answered = entries(&answer["jobs"]).len();
+    ensure!(
+        answered == all.len(),
+        "{answered} answers to {} jobs",
+        all.len()
+    );
     let mut rows = Vec::new();
     for ((case, step_ms), found) in all.iter().zip(entries(&answer["jobs"])) {
         let own = case.run(&ground_of(case)?.1, 1e-3 * step_ms)?;
@@ -120,25 +128,26 @@ impl Case {
     }
 
     /// For the script.
-    fn to_json(&self, model: &Path, step_s: f64) -> Value {
-        let shapes = self.shapes.iter().map(|(shape, position_m)| {
+    fn to_json(&self, model: &Path, step_s: f64) -> Result<Value> {
+        let mut shapes = Vec::new();
+        for (shape, position_m) in &self.shapes {
             let (kind, size_m) = match shape {
                 BodyShape::Box { half_m } => ("box", half_m.to_vec()),
                 BodyShape::Ball { radius_m } => ("ball", vec![*radius_m]),
-                BodyShape::Capsule { half_m, radius_m } => ("capsule", vec![*radius_m, *half_m]),
+                BodyShape::Capsule { .. } => bail!("the script knows no capsules"),
             };
-            json!({ "type": kind, "size_m": size_m, "position_m": position_m })
-        });
-        json!({
+            shapes.push(json!({ "type": kind, "size_m": size_m, "position_m": position_m }));
+        }
+        Ok(json!({
             "model": model,
-            "shapes": shapes.collect::<Vec<_>>(),
+            "shapes": shapes,
             "mass_kg": self.mass_kg,
             "position_m": self.position_m,
             "velocity_m_s": self.velocity_m_s,
             "step_s": step_s,
             "duration_s": DURATION_S,
             "friction": FRICTION,
-        })
+        }))
     }
 
     /// The same in process, with the same answer as the script.
@@ -148,7 +157,7 @@ impl Case {
         config.friction = FRICTION;
         let mut world = RigidBodies::new(ground, config)?;
         let (first, _) = self.shapes[0];
-        let mut body = Body::new(first, self.mass_kg, self.position_m);
+        let mut body = Body::new(first, self.mass_kg, self.position_m)?;
         body.velocity_m_s = self.velocity_m_s;
         body.shapes.clear();
         for (shape, position_m) in &self.shapes {
@@ -156,30 +165,40 @@ impl Case {
             body.shapes.push((*shape, place));
         }
         let body = world.add(&body)?;
-        let steps = (DURATION_S / step_s).round();
+        let steps = (DURATION_S / step_s).round() as usize;
         let mut lowest_m = f64::INFINITY;
+        // A body that sleeps costs nothing: the steps before are counted.
+        let (mut awake, mut took) = (0, 0.0);
         let before = meter::thread_cpu_s();
-        for _ in 0..steps as usize {
+        for step in 0..steps {
             world.step()?;
-            let pose = world.state(body)?.world_from_body;
-            lowest_m = lowest_m.min(pose.translation_m()[2]);
+            let state = world.state(body)?;
+            lowest_m = lowest_m.min(state.world_from_body.translation_m()[2]);
+            if !state.is_asleep {
+                (awake, took) = (step + 1, meter::thread_cpu_s() - before);
+            }
         }
-        let took = meter::thread_cpu_s() - before;
         let pose = world.state(body)?.world_from_body;
         Ok(json!({
             "position_m": pose.translation_m(),
             "up": pose.rotate([0.0, 0.0, 1.0]),
             "lowest_m": lowest_m,
-            "cpu_us_per_step": 1e6 * took / steps,
+            "cpu_us_per_step": 1e6 * took / f64::from(awake.max(1) as u32),
         }))
     }
 
-    /// Where it rests: its height, the tilt of its z axis, how far it is from where it was dropped,
-    /// and how far it sank in below its rest.
+    /// Where it rests: its height, the tilt of its z axis, how far the middle of its sole is from
+    /// below where it was dropped, and how far it sank in below its rest.
     fn rest(&self, found: &Value) -> Value {
         let number = |value: &Value| value.as_f64().unwrap_or(f64::NAN);
         let at = |key: &str, k: usize| number(&found[key][k]);
-        let away = |k: usize| at("position_m", k) - self.position_m[k];
+        // A ball has its sole below its middle, however it is rotated; on level ground that is as
+        // far away as the middle.
+        let sole_m = |k: usize| match self.body {
+            "ball" => at("position_m", k),
+            _ => at("position_m", k) - self.sole_m * at("up", k),
+        };
+        let away = |k: usize| sole_m(k) - self.position_m[k];
         let height_m = at("position_m", 2);
         json!({
             "height_mm": 1e3 * height_m,
@@ -231,6 +250,7 @@ fn cases() -> Vec<Case> {
                 mass_kg,
                 position_m: [at[0], at[1], rest_m + DROP_M],
                 velocity_m_s: [0.0, 0.0, down_m_s],
+                sole_m: height_m,
                 rest_m: is_level.then_some(rest_m),
             });
         }

@@ -124,12 +124,14 @@ fn changes_chart(part: &Value) -> Chart {
         };
         modes.iter().enumerate().map(at).collect()
     };
+    let goals = modes.iter().enumerate();
+    let goals = goals.filter_map(|(place, row)| Some((place as f64, row["goal"].as_f64()?)));
     Chart::new("Frames at changes of sectors over the median of the others")
         .subtitle("processor time on one thread; a synthetic loop of four sectors")
         .x_axis(Axis::categories("", names))
         .y_axis(Axis::log("time over the median", ""))
         .series(Series::scatter("others, 99.9 %", of("usual", "p999")))
         .series(Series::scatter("at changes, median", of("changes", "p50")))
-        .series(Series::scatter("at changes, 99.9 %", of("changes", "p999")))
-        .hline(2.0, "goal prefetched")
+        .series(Series::scatter("at changes, worst", of("changes", "worst")))
+        .series(Series::scatter("goal", goals))
 }

@@ -43,7 +43,7 @@ pub(super) fn measure(scene: &OpenedScene, quick: bool) -> Result<Value> {
             "steps": steps,
             "width": SIZE[0],
             "height": SIZE[1],
-            // The ground of one sector is known to it; see the part `changes`.
+            // Of the first sector alone; the part `changes` has changes.
             "sector_changes": 0,
             "beogym_fps": BEOGYM_FPS,
             "detail": detail?,

@@ -23,9 +23,10 @@ const FAR_M: f64 = 2.5;
 const ABOVE_M: f64 = 0.4;
 /// Cells of the maps that touch a step edge have the height of one side.
 const EDGE_M: f64 = 0.05;
-/// Goals near footsteps, m, and of the share within two stated standard deviations elsewhere.
+/// 95th percentile near footsteps, mm.
 pub(super) const GOAL_MM: f64 = 10.0;
-pub(super) const SHARE_GOAL: f64 = 0.95;
+/// Share of the heights elsewhere within two stated standard deviations.
+const SHARE_GOAL: f64 = 0.95;
 
 /// # Errors
 /// A walk that cannot be rendered.
@@ -63,10 +64,10 @@ pub(super) fn measure(walk: Walk) -> Result<Value> {
             let z = own.edge.ends[0].z;
             (z - true_m).abs() < ABOVE_M && horizontal_distance(&own.edge, [x, y, z]) < EDGE_M
         });
-        match (is_near, at_edge) {
-            (true, false) => near.push(error_m.abs()),
-            (true, true) => beside_edges.push(error_m.abs()),
-            (false, _) => far.push((error_m.abs(), found.sigma_m)),
+        match (at_edge, is_near) {
+            (true, _) => beside_edges.push(error_m.abs()),
+            (false, true) => near.push(error_m.abs()),
+            (false, false) => far.push((error_m.abs(), found.sigma_m)),
         }
     }
     let within = far
