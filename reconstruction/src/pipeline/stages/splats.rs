@@ -27,6 +27,7 @@ pub use self::recorded_depth::{DepthOfPixels, RecordedDepth};
 
 use self::checkpoint::CheckpointFiles;
 use self::evaluation::{HeldOutResult, Whole};
+use self::fit::On;
 use self::keyframes::CameraKeyframes;
 use self::product::Names;
 use self::sectors::{Sectors, TrainedSector};
@@ -136,12 +137,7 @@ impl Stage<Input> for SplatsStage {
         };
         let (trained, mut held_out) = sectors.train(
             &mut |sector| walk.images(sector),
-            &mut || {
-                Ok(fit::On {
-                    device: self.device.trainer()?,
-                    falls_back: self.device.falls_back,
-                })
-            },
+            &mut || On::new(self.device.trainer(), self.device.falls_back),
             &mut |sector, now| walk.progress(sector, now),
         )?;
         note_images(work, &trained);
@@ -218,7 +214,10 @@ fn note_images(work: &Work<'_, Input>, sectors: &[TrainedSector]) {
 }
 
 fn note_result(work: &Work<'_, Input>, sectors: &[TrainedSector], result: &HeldOutResult) {
-    let reasons = sectors.iter().filter_map(|of| of.fell_back.as_ref());
+    let reasons: BTreeSet<&String> = sectors
+        .iter()
+        .filter_map(|of| of.fell_back.as_ref())
+        .collect();
     for reason in reasons {
         work.note(format!("continued on the processor: {reason}"));
     }

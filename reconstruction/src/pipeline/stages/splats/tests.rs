@@ -9,7 +9,7 @@ use camera_models::{CameraModel, Distortion};
 use serde_json::json;
 
 use super::checkpoint::CheckpointFile;
-use super::fit::{On, fit, start};
+use super::fit::{fit, start};
 use super::*;
 
 const SIZE: (u32, u32) = (48, 32);
@@ -57,15 +57,12 @@ fn settings(steps: usize) -> SplatsConfig {
 }
 
 fn processor() -> On {
-    On {
-        device: None,
-        falls_back: false,
-    }
+    On::new(Ok(None), false).expect("the processor")
 }
 
 /// A device that is lost after some runs of steps, which it leaves to nobody.
-struct Lost {
-    runs: usize,
+pub(super) struct Lost {
+    pub(super) runs: usize,
 }
 
 impl TrainingDevice for Lost {
@@ -95,10 +92,7 @@ fn the_processor_takes_over_from_a_lost_device_only_if_asked() {
             &[],
             &config,
             &no_file(),
-            On {
-                device: Some(Box::new(Lost { runs: 1 })),
-                falls_back,
-            },
+            On::new(Ok(Some(Box::new(Lost { runs: 1 }))), falls_back).expect("a device"),
             &mut |now| steps.push(now.steps),
         );
         // A run ends at a hundred steps.

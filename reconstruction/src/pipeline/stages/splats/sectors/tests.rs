@@ -3,7 +3,7 @@ use std::path::Path;
 
 use ::splats::{
     Background, Camera, CellsSeen, Exposure, RenderConfig, Renderer, Scene, SectorConfig, Splat,
-    Splats, merged_background,
+    Splats, TrainingDevice, merged_background,
 };
 use cad_transforms::RigidTransform;
 use camera_models::{CameraModel, Distortion, Eye};
@@ -12,6 +12,7 @@ use serde_json::json;
 
 use super::super::evaluation::{HeldOutResult, Whole};
 use super::super::fit::Progress;
+use super::super::tests::Lost;
 use super::*;
 use crate::pipeline::stages::preset::Preset;
 
@@ -146,12 +147,7 @@ fn train(
         seen.push((sector, now.steps));
         at(sector, now.steps);
     };
-    let mut on = || {
-        Ok(On {
-            device: None,
-            falls_back: false,
-        })
-    };
+    let mut on = || On::new(Ok(None), false);
     let mut read = |sector| Ok(images(&views, cells, sector));
     let trained = sectors.train(&mut read, &mut on, &mut progress);
     (trained.expect("trainings").0, seen)
@@ -280,12 +276,7 @@ fn a_sector_without_images_is_a_loss_that_names_it() {
         }
         Ok(images)
     };
-    let mut on = || {
-        Ok(On {
-            device: None,
-            falls_back: false,
-        })
-    };
+    let mut on = || On::new(Ok(None), false);
     let (trained, _) = sectors
         .train(&mut read, &mut on, &mut |_, _| {})
         .expect("trainings");
@@ -299,4 +290,46 @@ fn a_sector_without_images_is_a_loss_that_names_it() {
         .train(&mut |_| Err("read again".into()), &mut on, &mut |_, _| {})
         .expect("files");
     assert!(again == trained);
+}
+
+/// A device that is lost in one sector is still lost in the next one.
+#[test]
+fn the_processor_takes_over_in_all_sectors_after_a_lost_device_only_if_asked() {
+    let mut config = config();
+    config.train.steps = 3;
+    let cells = Cells::of_positions(&positions(), 20, &config.sectors);
+    let views = views();
+    for falls_back in [true, false] {
+        let folder = tempfile::tempdir().expect("a folder");
+        let checkpoints = CheckpointFiles {
+            folder: folder.path().to_owned(),
+            settings: json!({}),
+            inputs: Vec::new(),
+        };
+        let sectors = Sectors {
+            cells: &cells,
+            config: &config,
+            checkpoints: &checkpoints,
+        };
+        let mut opened = 0;
+        let mut on = || {
+            opened += 1;
+            let device: Box<dyn TrainingDevice> = Box::new(Lost { runs: 0 });
+            match opened {
+                1 => On::new(Ok(Some(device)), falls_back),
+                _ => On::new(Err("the GPU was lost before".into()), falls_back),
+            }
+        };
+        let mut read = |sector| Ok(images(&views, &cells, sector));
+        let trained = sectors.train(&mut read, &mut on, &mut |_, _| {});
+        match trained {
+            Ok((trained, _)) => {
+                assert!(falls_back && trained.iter().all(|of| of.part.is_some()));
+                let reasons = trained.iter().map(|of| of.fell_back.as_deref());
+                let expected = ["it was taken away", "the GPU was lost before"].map(Some);
+                assert_eq!(reasons.collect::<Vec<_>>(), expected);
+            }
+            Err(error) => assert!(!falls_back, "{error}"),
+        }
+    }
 }
