@@ -28,6 +28,7 @@ pub use self::recorded_depth::{DepthOfPixels, RecordedDepth};
 use self::checkpoint::CheckpointFiles;
 use self::evaluation::{HeldOutResult, Whole};
 use self::fit::On;
+use self::images::HeldOutImages;
 use self::keyframes::CameraKeyframes;
 use self::product::Names;
 use self::sectors::{Sectors, TrainedSector};
@@ -153,7 +154,13 @@ impl Stage<Input> for SplatsStage {
             config: &config,
         };
         let record = |view| walk.record(view);
-        let mut read = |sector| held_out.take().map_or_else(|| walk.held_out(sector), Ok);
+        let mut read = |sector: usize| match held_out.take() {
+            Some(views) => Ok(HeldOutImages {
+                numbers: trained[sector].found.held_out.clone(),
+                views,
+            }),
+            None => walk.held_out(sector),
+        };
         let result = whole.evaluate(&mut read, &record)?;
         if let Some(name) = self.device.name() {
             work.note(format!("trained on {name}"));

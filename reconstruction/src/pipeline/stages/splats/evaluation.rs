@@ -1,12 +1,12 @@
 //! Held-out images compared with the scene as it is stored: a sector with those around it.
 
+use camera_models::Eye;
 use scene_bundle::outputs::splats::SplatView;
-use splats::{
-    Background, Cells, Evaluation, Part, Renderer, Scene, SplatError, Splats, TrainingView,
-};
+use splats::{Background, Cells, Evaluation, Part, Renderer, Scene, SplatError, Splats};
 
 use super::comparison::{self, Comparison};
 use super::config::SplatsConfig;
+use super::images::HeldOutImages;
 use super::sectors::TrainedSector;
 use crate::pipeline::StageError;
 
@@ -35,10 +35,10 @@ impl Whole<'_> {
     /// the bundle records of a view.
     ///
     /// # Errors
-    /// Those of the images, [`SplatError`].
+    /// Those of the images, also if they are not those of the training; [`SplatError`].
     pub(super) fn evaluate(
         &self,
-        read: &mut dyn FnMut(usize) -> Result<Vec<TrainingView>, StageError>,
+        read: &mut dyn FnMut(usize) -> Result<HeldOutImages, StageError>,
         record: &dyn Fn(usize) -> SplatView,
     ) -> Result<HeldOutResult, StageError> {
         let renderer = Renderer::new(self.config.render)?;
@@ -49,7 +49,9 @@ impl Whole<'_> {
             if numbers.is_empty() {
                 continue;
             }
-            let views = read(sector)?;
+            let images = read(sector)?;
+            check_numbers(numbers, &images.numbers, record)?;
+            let views = images.views;
             let scene = self.scene_around(sector)?;
             let of_sector = Evaluation::new(&renderer, &scene, &views);
             let records: Vec<SplatView> = numbers.iter().map(|number| record(*number)).collect();
@@ -93,6 +95,35 @@ impl Whole<'_> {
     }
 }
 
+/// Compares numbers of held-out images, in order, with those of the training: images are read
+/// again, and a session may have changed in between.
+fn check_numbers(
+    expected: &[usize],
+    found: &[usize],
+    record: &dyn Fn(usize) -> SplatView,
+) -> Result<(), StageError> {
+    let same = expected.iter().zip(found).take_while(|(a, b)| a == b);
+    let first = same.count();
+    let (number, found, expected) = match (expected.get(first), found.get(first)) {
+        (None, None) => return Ok(()),
+        (Some(of), Some(other)) if other < of => (*other, "an image", "none"),
+        (Some(of), _) => (*of, "none that can be used", "an image"),
+        (None, Some(other)) => (*other, "an image", "none"),
+    };
+    let SplatView {
+        camera, eye, frame, ..
+    } = record(number);
+    let eye = match eye {
+        Eye::Left => "left",
+        Eye::Right => "right",
+    };
+    Err(format!(
+        "held-out {eye} image of camera {camera}, frame {frame}: found {found} after the training, \
+         expected {expected} as at its start"
+    )
+    .into())
+}
+
 /// The Gaussians of parts of one degree, in order.
 fn joined<'p>(mut parts: impl Iterator<Item = &'p Part>) -> Result<Splats, SplatError> {
     let Some(first) = parts.next() else {
@@ -106,3 +137,6 @@ fn joined<'p>(mut parts: impl Iterator<Item = &'p Part>) -> Result<Splats, Splat
     }
     Ok(Splats::from_planes(first.splats.degree(), planes)?)
 }
+
+#[cfg(test)]
+mod tests;

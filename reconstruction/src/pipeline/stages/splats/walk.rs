@@ -2,10 +2,10 @@
 
 use camera_models::Eye;
 use scene_bundle::outputs::splats::SplatView;
-use splats::{Cells, TrainingView};
+use splats::Cells;
 
 use super::fit;
-use super::images::Images;
+use super::images::{HeldOutImages, Images};
 use super::keyframes::{CameraKeyframes, ChosenKeyframe};
 use super::plan::Plan;
 use super::views::{Inputs, ViewMaker};
@@ -87,11 +87,14 @@ impl<'a> Walk<'a> {
     ///
     /// # Errors
     /// As [`Self::images`].
-    pub(super) fn held_out(&self, sector: usize) -> Result<Vec<TrainingView>, StageError> {
+    pub(super) fn held_out(&self, sector: usize) -> Result<HeldOutImages, StageError> {
         let cameras = self.sectors[sector].iter();
         let cameras: Vec<_> = cameras.map(|of| of.of(|k| k.is_held_out)).collect();
         let images = Images::read(self.work, self.inputs, &cameras, &|_| false, &mut |_| {})?;
-        Ok(images.held_out)
+        Ok(HeldOutImages {
+            numbers: images.found.held_out,
+            views: images.held_out,
+        })
     }
 
     /// Shows the progress of the training of a sector.
@@ -104,7 +107,7 @@ impl<'a> Walk<'a> {
             .map_or(String::new(), |db| format!(", {db:.1} dB held out"));
         let of = match self.plan.len() {
             1 => String::new(),
-            count => format!("sector {} of {count}: ", sector + 1),
+            count => format!("sector {sector} of {count}: "),
         };
         self.work
             .status(&format!("{of}{} Gaussians{psnr}", now.splats));

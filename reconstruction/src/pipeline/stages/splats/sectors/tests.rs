@@ -12,6 +12,7 @@ use serde_json::json;
 
 use super::super::evaluation::{HeldOutResult, Whole};
 use super::super::fit::Progress;
+use super::super::images::HeldOutImages;
 use super::super::tests::Lost;
 use super::*;
 use crate::pipeline::stages::preset::Preset;
@@ -175,8 +176,12 @@ fn evaluate(cells: &Cells, config: &SplatsConfig, sectors: &[TrainedSector]) -> 
         held_out: None,
     };
     let mut read = |sector: usize| {
-        let held_out = sectors[sector].found.held_out.iter();
-        Ok(held_out.map(|number| views[*number].clone()).collect())
+        let numbers = sectors[sector].found.held_out.clone();
+        let views = numbers
+            .iter()
+            .map(|number| views[*number].clone())
+            .collect();
+        Ok(HeldOutImages { numbers, views })
     };
     whole.evaluate(&mut read, &record).expect("an evaluation")
 }
