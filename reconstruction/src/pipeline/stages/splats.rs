@@ -19,7 +19,7 @@ use std::path::Path;
 use scene_bundle::layout::is_splats_checkpoint;
 use scene_bundle::outputs::{self, DEPTH, KEYFRAMES, MASKS, RIG_REFINED, SPLATS, TRAJECTORY};
 use serde_json::{Value, json};
-use splats::merged_background;
+use splats::{Part, merged_background};
 
 pub use self::config::SplatsConfig;
 pub use self::fit::start;
@@ -29,6 +29,7 @@ use self::checkpoint::CheckpointFiles;
 use self::evaluation::{HeldOutResult, Whole};
 use self::fit::On;
 use self::images::HeldOutImages;
+use self::kept::kept;
 use self::keyframes::CameraKeyframes;
 use self::product::Names;
 use self::sectors::{Sectors, TrainedSector};
@@ -45,6 +46,7 @@ mod config;
 mod evaluation;
 mod fit;
 mod images;
+mod kept;
 mod keyframes;
 mod masks;
 mod memory;
@@ -142,14 +144,16 @@ impl Stage<Input> for SplatsStage {
             &mut |sector, now| walk.progress(sector, now),
         )?;
         note_images(work, &trained);
-        let parts: Vec<_> = trained.iter().filter_map(|of| of.part.as_ref()).collect();
-        if parts.is_empty() {
+        let kept = kept(walk.cells(), &trained);
+        if kept.is_empty() {
             return Ok(product::write_empty(work.draft(SPLATS), names, &config)?);
         }
+        let parts: Vec<&Part> = kept.iter().map(|of| of.part).collect();
         let background = merged_background(&parts)?;
         let whole = Whole {
             cells: walk.cells(),
             sectors: &trained,
+            kept: &kept,
             background: &background,
             config: &config,
         };
@@ -165,7 +169,7 @@ impl Stage<Input> for SplatsStage {
         if let Some(name) = self.device.name() {
             work.note(format!("trained on {name}"));
         }
-        note_result(work, &trained, &result);
+        note_result(work, &whole, &result);
         product::write_sectors(work.draft(SPLATS), &whole, &result, &record, names)
     }
 
@@ -220,8 +224,9 @@ fn note_images(work: &Work<'_, Input>, sectors: &[TrainedSector]) {
     }
 }
 
-fn note_result(work: &Work<'_, Input>, sectors: &[TrainedSector], result: &HeldOutResult) {
-    let reasons: BTreeSet<&String> = sectors
+fn note_result(work: &Work<'_, Input>, whole: &Whole<'_>, result: &HeldOutResult) {
+    let reasons: BTreeSet<&String> = whole
+        .sectors
         .iter()
         .filter_map(|of| of.fell_back.as_ref())
         .collect();
@@ -238,19 +243,20 @@ fn note_result(work: &Work<'_, Input>, sectors: &[TrainedSector], result: &HeldO
             evaluation.mean_ssim()
         ),
     };
-    let parts = || sectors.iter().filter_map(|of| of.part.as_ref());
-    let views: BTreeSet<usize> = sectors
+    let kept = whole.kept;
+    let views: BTreeSet<usize> = kept
         .iter()
-        .flat_map(|of| of.found.training.iter().copied())
+        .flat_map(|of| of.training.iter().copied())
         .collect();
-    let divided = match sectors.len() {
-        1 => String::new(),
-        count => format!(" in {count} sectors"),
+    let divided = match (whole.sectors.len(), kept.len()) {
+        (1, _) => String::new(),
+        (all, count) if count < all => format!(" in {count} of {all} sectors"),
+        (_, count) => format!(" in {count} sectors"),
     };
     work.note(format!(
         "{} Gaussians{divided}, {} at the start, from {} images; {quality}",
-        parts().map(|part| part.splats.len()).sum::<usize>(),
-        parts().map(|part| part.start_count).sum::<usize>(),
+        kept.iter().map(|of| of.part.splats.len()).sum::<usize>(),
+        kept.iter().map(|of| of.part.start_count).sum::<usize>(),
         views.len()
     ));
 }

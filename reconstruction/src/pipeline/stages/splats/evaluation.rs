@@ -1,12 +1,13 @@
-//! Held-out images compared with the scene as it is stored: a sector with those around it.
+//! Held-out images compared with the scene as it is stored: a sector with what is around it.
 
 use camera_models::Eye;
 use scene_bundle::outputs::splats::SplatView;
-use splats::{Background, Cells, Evaluation, Part, Renderer, Scene, SplatError, Splats};
+use splats::{Background, Cells, Evaluation, Plane, Renderer, Scene, SplatError, Splats};
 
 use super::comparison::{self, Comparison};
 use super::config::SplatsConfig;
 use super::images::HeldOutImages;
+use super::kept::{Kept, SectorBox};
 use super::sectors::TrainedSector;
 use crate::pipeline::StageError;
 
@@ -26,6 +27,8 @@ pub(super) struct HeldOutResult {
 pub(super) struct Whole<'a> {
     pub(super) cells: &'a Cells,
     pub(super) sectors: &'a [TrainedSector],
+    /// Those with Gaussians.
+    pub(super) kept: &'a [Kept<'a>],
     pub(super) background: &'a Background,
     pub(super) config: &'a SplatsConfig,
 }
@@ -84,12 +87,28 @@ impl Whole<'_> {
         Ok(result)
     }
 
-    /// A sector and those around it.
-    fn scene_around(&self, sector: usize) -> Result<Scene, SplatError> {
-        let near = self.cells.within(sector, self.config.sectors.view_reach_m);
-        let parts = near.iter().filter_map(|k| self.sectors[*k].part.as_ref());
+    /// What is drawn of the stored scene in a sector: all Gaussians up to a distance of its box, as
+    /// the simulation shows them. A cell without Gaussians has no box: that distance of the cell.
+    fn scene_around(&self, cell: usize) -> Result<Scene, SplatError> {
+        let (Some(first), Some(all)) = (self.kept.first(), SectorBox::around(self.kept)) else {
+            return Ok(Scene {
+                splats: Splats::empty(0)?,
+                background: self.background.clone(),
+            });
+        };
+        let own = self.kept.iter().find(|of| of.cell == cell);
+        let bounds = own.map_or_else(|| all.above(self.cells.bounds(cell)), |of| of.bounds);
+        let reach = bounds.widened(self.config.sectors.view_reach_m);
+        let degree = first.part.splats.degree();
+        let mut planes = vec![Vec::new(); Plane::count(degree)];
+        for Kept { part, .. } in self.kept {
+            let near = reach.indices(&part.splats);
+            for (plane, of_part) in planes.iter_mut().zip(part.splats.planes()) {
+                plane.extend(near.iter().map(|index| of_part[*index]));
+            }
+        }
         Ok(Scene {
-            splats: joined(parts)?,
+            splats: Splats::from_planes(degree, planes)?,
             background: self.background.clone(),
         })
     }
@@ -122,20 +141,6 @@ fn check_numbers(
          expected {expected} as at its start"
     )
     .into())
-}
-
-/// The Gaussians of parts of one degree, in order.
-fn joined<'p>(mut parts: impl Iterator<Item = &'p Part>) -> Result<Splats, SplatError> {
-    let Some(first) = parts.next() else {
-        return Ok(Splats::empty(0)?);
-    };
-    let mut planes = first.splats.planes().to_vec();
-    for part in parts {
-        for (plane, more) in planes.iter_mut().zip(part.splats.planes()) {
-            plane.extend(more);
-        }
-    }
-    Ok(Splats::from_planes(first.splats.degree(), planes)?)
 }
 
 #[cfg(test)]

@@ -5,7 +5,7 @@
 //! and inputs.
 
 use serde::{Deserialize, Serialize};
-use splats::{Cells, Part, SplatError, TrainingView};
+use splats::{CellBox, Cells, Part, SplatError, TrainingView};
 
 use super::checkpoint::{CheckpointFile, CheckpointFiles};
 use super::config::SplatsConfig;
@@ -24,7 +24,7 @@ pub(super) struct Sectors<'a> {
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct TrainedSector {
     pub(super) found: Found,
-    /// `None` where nothing could be trained.
+    /// At least one Gaussian; `None` where nothing could be trained or none is in the cell.
     pub(super) part: Option<Part>,
     /// Why the processor took over from the device.
     pub(super) fell_back: Option<String>,
@@ -86,6 +86,16 @@ impl Sectors<'_> {
         Ok((all, held_out))
     }
 
+    /// The loss of a sector that was trained for nothing.
+    fn no_gaussian(&self, sector: usize) -> String {
+        let CellBox { min_m, max_m } = self.cells.bounds(sector);
+        format!(
+            "no Gaussian of its training is in its cell, x from {:.2} to {:.2} m and y from {:.2} \
+             to {:.2} m",
+            min_m[0], max_m[0], min_m[1], max_m[1]
+        )
+    }
+
     fn min_images(&self) -> usize {
         let SplatsConfig {
             min_images,
@@ -115,7 +125,11 @@ impl Sectors<'_> {
         let fit = fit::fit(scene, training, held_out, self.config, file, on, progress)?;
         let start = (fit.start_count, fit.checks);
         let is_inside = |mean| self.cells.cell_of(mean) == sector;
-        trained.part = Some(Part::cut(&fit.scene, &fit.coverage, start, is_inside));
+        let part = Part::cut(&fit.scene, &fit.coverage, start, is_inside);
+        match part.splats.is_empty() {
+            true => trained.found.losses.push(self.no_gaussian(sector)),
+            false => trained.part = Some(part),
+        }
         trained.fell_back = fit.fell_back;
         Ok(())
     }

@@ -13,6 +13,7 @@ use serde_json::json;
 use super::super::evaluation::{HeldOutResult, Whole};
 use super::super::fit::Progress;
 use super::super::images::HeldOutImages;
+use super::super::kept::kept;
 use super::super::tests::Lost;
 use super::*;
 use crate::pipeline::stages::preset::Preset;
@@ -155,10 +156,12 @@ fn train(
 }
 
 fn evaluate(cells: &Cells, config: &SplatsConfig, sectors: &[TrainedSector]) -> HeldOutResult {
-    let parts: Vec<&Part> = sectors.iter().filter_map(|of| of.part.as_ref()).collect();
+    let kept = kept(cells, sectors);
+    let parts: Vec<&Part> = kept.iter().map(|of| of.part).collect();
     let whole = Whole {
         cells,
         sectors,
+        kept: &kept,
         background: &merged_background(&parts).expect("a sky"),
         config,
     };
@@ -337,4 +340,38 @@ fn the_processor_takes_over_in_all_sectors_after_a_lost_device_only_if_asked() {
             Err(error) => assert!(!falls_back, "{error}"),
         }
     }
+}
+
+/// All that images of a sector show can be in another one.
+#[test]
+fn a_sector_without_gaussians_is_a_loss_with_its_cell() {
+    let mut config = config();
+    config.train.steps = 3;
+    let far: Vec<[f64; 3]> = (0..20)
+        .map(|k| [1000.0 * f64::from(k / 10), 0.0, 0.0])
+        .collect();
+    let cells = Cells::of_positions(&far, 10, &config.sectors);
+    assert_eq!(cells.count(), 2);
+    let folder = tempfile::tempdir().expect("a folder");
+    let checkpoints = CheckpointFiles {
+        folder: folder.path().to_owned(),
+        settings: json!({}),
+        inputs: Vec::new(),
+    };
+    let sectors = Sectors {
+        cells: &cells,
+        config: &config,
+        checkpoints: &checkpoints,
+    };
+    let views = views();
+    let mut read = |_| Ok(images(&views, &cells, 0));
+    let mut on = || On::new(Ok(None), false);
+    let trained = sectors.train(&mut read, &mut on, &mut |_, _| {});
+    let (trained, _) = trained.expect("trainings");
+    let kept = kept(&cells, &trained);
+    assert_eq!(kept.iter().map(|of| of.cell).collect::<Vec<_>>(), [0]);
+    assert_eq!(trained[0].found.losses, [""; 0]);
+    let loss = "sector 1 of 2: no Gaussian of its training is in its cell, x from 500.00 to inf m \
+                and y from -inf to inf m";
+    assert_eq!(trained[1].found.losses, [loss]);
 }
