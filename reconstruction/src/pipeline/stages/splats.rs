@@ -130,6 +130,7 @@ impl Stage<Input> for SplatsStage {
         let hashes: Result<Vec<String>, StageError> = hashes.into_iter().collect();
         let checkpoints = CheckpointFiles {
             folder: work.folder(),
+            version: self.version(),
             settings: self.settings(),
             inputs: hashes?,
         };

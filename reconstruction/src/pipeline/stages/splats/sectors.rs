@@ -54,7 +54,7 @@ impl Sectors<'_> {
         let count = self.cells.count();
         let (mut all, mut held_out) = (Vec::with_capacity(count), None);
         for sector in 0..count {
-            let file = self.checkpoints.of(sector, count);
+            let file = self.checkpoints.of(sector, self.cells);
             if let Some(complete) = TrainedSector::read(&file) {
                 all.push(complete);
                 continue;

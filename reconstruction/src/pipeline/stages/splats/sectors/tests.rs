@@ -136,6 +136,7 @@ fn train(
 ) -> (Vec<TrainedSector>, Seen) {
     let checkpoints = CheckpointFiles {
         folder: folder.to_owned(),
+        version: 3,
         settings: json!({ "config": config }),
         inputs: Vec::new(),
     };
@@ -264,6 +265,7 @@ fn a_sector_without_images_is_a_loss_that_names_it() {
     let folder = tempfile::tempdir().expect("a folder");
     let checkpoints = CheckpointFiles {
         folder: folder.path().to_owned(),
+        version: 3,
         settings: json!({}),
         inputs: Vec::new(),
     };
@@ -311,6 +313,7 @@ fn the_processor_takes_over_in_all_sectors_after_a_lost_device_only_if_asked() {
         let folder = tempfile::tempdir().expect("a folder");
         let checkpoints = CheckpointFiles {
             folder: folder.path().to_owned(),
+            version: 3,
             settings: json!({}),
             inputs: Vec::new(),
         };
@@ -355,6 +358,7 @@ fn a_sector_without_gaussians_is_a_loss_with_its_cell() {
     let folder = tempfile::tempdir().expect("a folder");
     let checkpoints = CheckpointFiles {
         folder: folder.path().to_owned(),
+        version: 3,
         settings: json!({}),
         inputs: Vec::new(),
     };
