@@ -32,7 +32,8 @@ use self::images::HeldOutImages;
 use self::kept::kept;
 use self::keyframes::CameraKeyframes;
 use self::product::Names;
-use self::sectors::{Sectors, TrainedSector};
+use self::sectors::Sectors;
+use self::trained::TrainedSector;
 use self::views::Inputs;
 use self::walk::Walk;
 use super::device::Device;
@@ -56,6 +57,7 @@ mod recorded_depth;
 mod sectors;
 #[cfg(test)]
 mod tests;
+mod trained;
 mod views;
 mod walk;
 
@@ -134,10 +136,12 @@ impl Stage<Input> for SplatsStage {
             settings: self.settings(),
             inputs: hashes?,
         };
+        let views = walk.views();
         let sectors = Sectors {
             cells: walk.cells(),
             config: &config,
             checkpoints: &checkpoints,
+            views: &views,
         };
         let (trained, mut held_out) = sectors.train(
             &mut |sector| walk.images(sector),

@@ -8,7 +8,7 @@ use super::comparison::{self, Comparison};
 use super::config::SplatsConfig;
 use super::images::HeldOutImages;
 use super::kept::{Kept, SectorBox};
-use super::sectors::TrainedSector;
+use super::trained::TrainedSector;
 use crate::pipeline::StageError;
 
 /// Quality in the held-out images of all sectors.

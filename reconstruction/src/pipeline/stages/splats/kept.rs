@@ -2,7 +2,7 @@
 
 use splats::{CellBox, Cells, Part, Plane, Splats};
 
-use super::sectors::TrainedSector;
+use super::trained::TrainedSector;
 
 /// A sector with Gaussians.
 pub(super) struct Kept<'a> {

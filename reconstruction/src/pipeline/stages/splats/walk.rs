@@ -8,7 +8,8 @@ use super::fit;
 use super::images::{HeldOutImages, Images};
 use super::keyframes::{CameraKeyframes, ChosenKeyframe};
 use super::plan::Plan;
-use super::views::{Inputs, ViewMaker};
+use super::trained::SectorViews;
+use super::views::{Inputs, ViewMaker, view_number};
 use crate::input::Input;
 use crate::pipeline::{StageError, Work};
 
@@ -55,6 +56,25 @@ impl<'a> Walk<'a> {
     /// Cells of the sectors.
     pub(super) fn cells(&self) -> &Cells {
         &self.plan.cells
+    }
+
+    /// Views of each sector.
+    pub(super) fn views(&self) -> Vec<SectorViews> {
+        let of_sector = |cameras: &Vec<CameraKeyframes<'_>>| {
+            let mut views = SectorViews::default();
+            for chosen in cameras.iter().flat_map(|of| &of.keyframes) {
+                let numbers = match chosen.is_held_out {
+                    true => &mut views.held_out,
+                    false => &mut views.training,
+                };
+                numbers.push(view_number(chosen, Eye::Left));
+                if self.inputs.config.right_images {
+                    numbers.push(view_number(chosen, Eye::Right));
+                }
+            }
+            views
+        };
+        self.sectors.iter().map(of_sector).collect()
     }
 
     /// Pixels of the left and right image of each keyframe of each sector.

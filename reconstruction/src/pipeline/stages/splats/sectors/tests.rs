@@ -125,6 +125,12 @@ fn config() -> SplatsConfig {
     config
 }
 
+/// All views, since their sectors are chosen by the test.
+fn views_of_each(cells: &Cells) -> Vec<SectorViews> {
+    let (held_out, training) = (0..positions().len()).partition(|k| k % HELD_OUT == 2);
+    vec![SectorViews { training, held_out }; cells.count()]
+}
+
 type Seen = Vec<(usize, usize)>;
 
 /// Trains all sectors of a number of cells; gives also the steps of the progress.
@@ -144,6 +150,7 @@ fn train(
         cells,
         config,
         checkpoints: &checkpoints,
+        views: &views_of_each(&cells),
     };
     let (views, mut seen) = (views(), Vec::new());
     let mut progress = |sector: usize, now: Progress| {
@@ -275,6 +282,7 @@ fn a_sector_without_images_is_a_loss_that_names_it() {
         cells: &cells,
         config: &short,
         checkpoints: &checkpoints,
+        views: &views_of_each(&cells),
     };
     let views = views();
     let mut read = |sector| {
@@ -321,6 +329,7 @@ fn the_processor_takes_over_in_all_sectors_after_a_lost_device_only_if_asked() {
             cells: &cells,
             config: &config,
             checkpoints: &checkpoints,
+            views: &views_of_each(&cells),
         };
         let mut opened = 0;
         let mut on = || {
@@ -366,6 +375,7 @@ fn a_sector_without_gaussians_is_a_loss_with_its_cell() {
         cells: &cells,
         config: &config,
         checkpoints: &checkpoints,
+        views: &views_of_each(&cells),
     };
     let views = views();
     let mut read = |_| Ok(images(&views, &cells, 0));
