@@ -79,6 +79,19 @@ pub fn is_splats_checkpoint(name: &str) -> bool {
     name == splats_checkpoint(None) || number.is_some_and(|n| name == splats_checkpoint(Some(n)))
 }
 
+/// Whether a name is one of [`splats_checkpoint`], also while it is written.
+///
+/// ```
+/// use scene_bundle::layout::is_of_splats_training;
+///
+/// assert!(is_of_splats_training("splats-007.checkpoint"));
+/// assert!(is_of_splats_training("splats-007.checkpoint.tmp"));
+/// assert!(!is_of_splats_training("splats.checkpoint.tmp.tmp"));
+/// ```
+pub fn is_of_splats_training(name: &str) -> bool {
+    is_splats_checkpoint(name) || name.strip_suffix(".tmp").is_some_and(is_splats_checkpoint)
+}
+
 /// Name of a file while it is written beside the old one.
 pub fn temporary(path: &str) -> String {
     format!("{path}.tmp")

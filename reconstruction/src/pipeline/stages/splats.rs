@@ -16,7 +16,7 @@
 use std::collections::BTreeSet;
 use std::path::Path;
 
-use scene_bundle::layout::is_splats_checkpoint;
+use scene_bundle::layout::is_of_splats_training;
 use scene_bundle::outputs::{self, DEPTH, KEYFRAMES, MASKS, RIG_REFINED, SPLATS, TRAJECTORY};
 use serde_json::{Value, json};
 use splats::{Part, merged_background};
@@ -126,7 +126,9 @@ impl Stage<Input> for SplatsStage {
             config: &config,
         };
         let walk = Walk::new(work, &inputs, &cameras)?;
-        memory::check(&walk.image_sizes(), &config, self.memory_bytes)?;
+        let [all, held_out] =
+            [false, true].map(|only| walk.image_sizes(|keyframe| keyframe.is_held_out || !only));
+        memory::check(&all, &held_out, &config, self.memory_bytes)?;
         let hashes = [RIG_REFINED, TRAJECTORY, KEYFRAMES, DEPTH, MASKS]
             .map(|input| Ok(work.read(input)?.output().hash.clone()));
         let hashes: Result<Vec<String>, StageError> = hashes.into_iter().collect();
@@ -180,11 +182,8 @@ impl Stage<Input> for SplatsStage {
 
     fn clean_up(&self, bundle: &Path) {
         let names = std::fs::read_dir(bundle).into_iter().flatten().flatten();
-        let files = names.filter(|entry| {
-            let name = entry.file_name();
-            let name = name.to_string_lossy();
-            is_splats_checkpoint(name.strip_suffix(".tmp").unwrap_or(&name))
-        });
+        let files =
+            names.filter(|entry| is_of_splats_training(&entry.file_name().to_string_lossy()));
         for file in files {
             // One that cannot be removed is discarded by the next training.
             let _ = std::fs::remove_file(file.path());

@@ -77,13 +77,14 @@ impl<'a> Walk<'a> {
         self.sectors.iter().map(of_sector).collect()
     }
 
-    /// Pixels of the left and right image of each keyframe of each sector.
-    pub(super) fn image_sizes(&self) -> Vec<Vec<[u64; 2]>> {
+    /// Pixels of the left and right image of some keyframes of each sector.
+    pub(super) fn image_sizes(&self, of: impl Fn(&ChosenKeyframe) -> bool) -> Vec<Vec<[u64; 2]>> {
         let sizes = |cameras: &Vec<CameraKeyframes<'_>>| {
-            let of_camera = |of: &CameraKeyframes<'_>| {
-                let size = [&of.camera.left, &of.camera.right]
+            let of_camera = |all: &CameraKeyframes<'_>| {
+                let size = [&all.camera.left, &all.camera.right]
                     .map(|model| u64::from(model.width) * u64::from(model.height));
-                std::iter::repeat_n(size, of.keyframes.len())
+                let count = all.keyframes.iter().filter(|keyframe| of(keyframe)).count();
+                std::iter::repeat_n(size, count)
             };
             cameras.iter().flat_map(of_camera).collect()
         };
