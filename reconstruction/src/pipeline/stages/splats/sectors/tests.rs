@@ -234,14 +234,14 @@ fn sectors_are_trained_by_themselves_and_resume() {
 
     for (sector, trained) in sectors.iter().enumerate() {
         let part = trained.part.as_ref().expect("a part");
-        assert!(part.splats.len() > 200, "{}", part.splats.len());
+        assert!(part.splats.len() > 280, "{}", part.splats.len());
         for k in 0..part.splats.len() {
             let mean = part.splats.get(k).position_m.map(f64::from);
             assert_eq!(cells.cell_of(mean), sector, "{mean:?}");
         }
         // Views from the other side of the border that look across it.
         let beside = trained.found.all - trained.found.inside;
-        assert!((3..=10).contains(&beside), "{beside}");
+        assert_eq!(beside, 7);
         assert_eq!(trained.found.inside, 20);
     }
 
@@ -255,13 +255,12 @@ fn sectors_are_trained_by_themselves_and_resume() {
     assert_eq!(several.views.len(), 8);
     let [a, b] = [&single, &several].map(|of| of.evaluation.mean_psnr_db());
     println!("{a:.2} dB of one sector, {b:.2} dB of two");
-    assert!(
-        a > 18.0 && b > a - 0.5,
-        "{a} dB of one sector, {b} dB of two"
-    );
-    let worst = several.evaluation.worst_psnr_db();
-    assert!(worst > single.evaluation.worst_psnr_db() - 1.5, "{worst}");
-    assert!(several.evaluation.depth_error < 0.1);
+    // Measured 39.5 and 45.4 dB, worst ones 36.3 and 42.7 dB.
+    assert!(a > 39.0 && b > 44.5, "{a} dB of one sector, {b} dB of two");
+    let [a, b] = [&single, &several].map(|of| of.evaluation.worst_psnr_db());
+    assert!(a > 35.5 && b > 41.5, "{a} dB of one sector, {b} dB of two");
+    let error = several.evaluation.depth_error;
+    assert!(error < 0.008, "{error}");
     assert_eq!(several.comparisons.len(), 1);
 }
 
