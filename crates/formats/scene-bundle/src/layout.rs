@@ -62,7 +62,9 @@ pub fn is_ours(name: &str) -> bool {
 /// assert_eq!(splats_checkpoint(None), "splats.checkpoint");
 /// assert_eq!(splats_checkpoint(Some(7)), "splats-007.checkpoint");
 /// assert!(is_splats_checkpoint(&splats_checkpoint(Some(1234))));
+/// assert!(is_splats_checkpoint("splats-007.checkpoint.tmp"));
 /// assert!(!is_splats_checkpoint("splats-a.checkpoint"));
+/// assert!(!is_splats_checkpoint("splats.checkpoint.tmp.tmp"));
 /// ```
 pub fn splats_checkpoint(sector: Option<usize>) -> String {
     sector.map_or_else(
@@ -71,25 +73,14 @@ pub fn splats_checkpoint(sector: Option<usize>) -> String {
     )
 }
 
-/// Whether a name is one of [`splats_checkpoint`].
+/// Whether a name is one of [`splats_checkpoint`], also with `.tmp` after it, as while it is
+/// written.
 pub fn is_splats_checkpoint(name: &str) -> bool {
+    let name = name.strip_suffix(".tmp").unwrap_or(name);
     let sector = name.strip_prefix("splats-");
     let sector = sector.and_then(|rest| rest.strip_suffix(".checkpoint"));
     let number = sector.and_then(|number| number.parse().ok());
     name == splats_checkpoint(None) || number.is_some_and(|n| name == splats_checkpoint(Some(n)))
-}
-
-/// Whether a name is one of [`splats_checkpoint`], also while it is written.
-///
-/// ```
-/// use scene_bundle::layout::is_of_splats_training;
-///
-/// assert!(is_of_splats_training("splats-007.checkpoint"));
-/// assert!(is_of_splats_training("splats-007.checkpoint.tmp"));
-/// assert!(!is_of_splats_training("splats.checkpoint.tmp.tmp"));
-/// ```
-pub fn is_of_splats_training(name: &str) -> bool {
-    is_splats_checkpoint(name) || name.strip_suffix(".tmp").is_some_and(is_splats_checkpoint)
 }
 
 /// Name of a file while it is written beside the old one.

@@ -147,7 +147,7 @@ fn find_unnamed(
         } else {
             format!("{dir}/{name}")
         };
-        if named.contains(&path) || layout::is_of_splats_training(&path) {
+        if named.contains(&path) || layout::is_splats_checkpoint(&path) {
             continue;
         }
         let inside = format!("{path}/");

@@ -16,7 +16,7 @@
 use std::collections::BTreeSet;
 use std::path::Path;
 
-use scene_bundle::layout::is_of_splats_training;
+use scene_bundle::layout::is_splats_checkpoint;
 use scene_bundle::outputs::{self, DEPTH, KEYFRAMES, MASKS, RIG_REFINED, SPLATS, TRAJECTORY};
 use serde_json::{Value, json};
 use splats::{Part, merged_background};
@@ -183,7 +183,7 @@ impl Stage<Input> for SplatsStage {
     fn clean_up(&self, bundle: &Path) {
         let names = std::fs::read_dir(bundle).into_iter().flatten().flatten();
         let files =
-            names.filter(|entry| is_of_splats_training(&entry.file_name().to_string_lossy()));
+            names.filter(|entry| is_splats_checkpoint(&entry.file_name().to_string_lossy()));
         for file in files {
             // One that cannot be removed is discarded by the next training.
             let _ = std::fs::remove_file(file.path());

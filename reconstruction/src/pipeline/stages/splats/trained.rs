@@ -158,9 +158,9 @@ impl Expected<'_> {
                 &format!("{expected:?}"),
             ));
         }
-        let planes = &part.splats.planes()[Plane::POSITION..];
-        for k in 0..part.splats.len() {
-            let mean = [0, 1, 2].map(|axis| f64::from(planes[axis][k]));
+        let [x, y, z] = [0, 1, 2].map(|k| &part.splats.planes()[Plane::POSITION + k]);
+        for ((x, y), z) in x.iter().zip(y).zip(z) {
+            let mean = [x, y, z].map(|v| f64::from(*v));
             // Finite: others are no Gaussians.
             if self.cells.cell_of(mean) != self.sector {
                 let found = format!("{mean:?} m");

@@ -150,7 +150,7 @@ fn train(
         cells,
         config,
         checkpoints: &checkpoints,
-        views: &views_of_each(&cells),
+        views: &views_of_each(cells),
     };
     let (views, mut seen) = (views(), Vec::new());
     let mut progress = |sector: usize, now: Progress| {
