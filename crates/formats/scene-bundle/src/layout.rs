@@ -62,7 +62,9 @@ pub fn is_ours(name: &str) -> bool {
 /// assert_eq!(splats_checkpoint(None), "splats.checkpoint");
 /// assert_eq!(splats_checkpoint(Some(7)), "splats-007.checkpoint");
 /// assert!(is_splats_checkpoint(&splats_checkpoint(Some(1234))));
+/// assert!(is_splats_checkpoint("splats-007.checkpoint.tmp"));
 /// assert!(!is_splats_checkpoint("splats-a.checkpoint"));
+/// assert!(!is_splats_checkpoint("splats.checkpoint.tmp.tmp"));
 /// ```
 pub fn splats_checkpoint(sector: Option<usize>) -> String {
     sector.map_or_else(
@@ -71,8 +73,10 @@ pub fn splats_checkpoint(sector: Option<usize>) -> String {
     )
 }
 
-/// Whether a name is one of [`splats_checkpoint`].
+/// Whether a name is one of [`splats_checkpoint`], also with `.tmp` after it, as while it is
+/// written.
 pub fn is_splats_checkpoint(name: &str) -> bool {
+    let name = name.strip_suffix(".tmp").unwrap_or(name);
     let sector = name.strip_prefix("splats-");
     let sector = sector.and_then(|rest| rest.strip_suffix(".checkpoint"));
     let number = sector.and_then(|number| number.parse().ok());

@@ -19,7 +19,7 @@ use std::path::Path;
 use scene_bundle::layout::is_splats_checkpoint;
 use scene_bundle::outputs::{self, DEPTH, KEYFRAMES, MASKS, RIG_REFINED, SPLATS, TRAJECTORY};
 use serde_json::{Value, json};
-use splats::merged_background;
+use splats::{Part, merged_background};
 
 pub use self::config::SplatsConfig;
 pub use self::fit::start;
@@ -27,9 +27,13 @@ pub use self::recorded_depth::{DepthOfPixels, RecordedDepth};
 
 use self::checkpoint::CheckpointFiles;
 use self::evaluation::{HeldOutResult, Whole};
+use self::fit::On;
+use self::images::HeldOutImages;
+use self::kept::kept;
 use self::keyframes::CameraKeyframes;
 use self::product::Names;
-use self::sectors::{Sectors, TrainedSector};
+use self::sectors::Sectors;
+use self::trained::TrainedSector;
 use self::views::Inputs;
 use self::walk::Walk;
 use super::device::Device;
@@ -43,6 +47,7 @@ mod config;
 mod evaluation;
 mod fit;
 mod images;
+mod kept;
 mod keyframes;
 mod masks;
 mod memory;
@@ -52,6 +57,7 @@ mod recorded_depth;
 mod sectors;
 #[cfg(test)]
 mod tests;
+mod trained;
 mod views;
 mod walk;
 
@@ -120,59 +126,64 @@ impl Stage<Input> for SplatsStage {
             config: &config,
         };
         let walk = Walk::new(work, &inputs, &cameras)?;
-        memory::check(&walk.image_sizes(), &config, self.memory_bytes)?;
+        let [all, held_out] =
+            [false, true].map(|only| walk.image_sizes(|keyframe| keyframe.is_held_out || !only));
+        memory::check(&all, &held_out, &config, self.memory_bytes)?;
         let hashes = [RIG_REFINED, TRAJECTORY, KEYFRAMES, DEPTH, MASKS]
             .map(|input| Ok(work.read(input)?.output().hash.clone()));
         let hashes: Result<Vec<String>, StageError> = hashes.into_iter().collect();
         let checkpoints = CheckpointFiles {
             folder: work.folder(),
+            version: self.version(),
             settings: self.settings(),
             inputs: hashes?,
         };
+        let views = walk.views();
         let sectors = Sectors {
             cells: walk.cells(),
             config: &config,
             checkpoints: &checkpoints,
+            views: &views,
         };
         let (trained, mut held_out) = sectors.train(
             &mut |sector| walk.images(sector),
-            &mut || {
-                Ok(fit::On {
-                    device: self.device.trainer()?,
-                    falls_back: self.device.falls_back,
-                })
-            },
+            &mut || On::new(self.device.trainer(), self.device.falls_back),
             &mut |sector, now| walk.progress(sector, now),
         )?;
         note_images(work, &trained);
-        let parts: Vec<_> = trained.iter().filter_map(|of| of.part.as_ref()).collect();
-        if parts.is_empty() {
+        let kept = kept(walk.cells(), &trained);
+        if kept.is_empty() {
             return Ok(product::write_empty(work.draft(SPLATS), names, &config)?);
         }
+        let parts: Vec<&Part> = kept.iter().map(|of| of.part).collect();
         let background = merged_background(&parts)?;
         let whole = Whole {
             cells: walk.cells(),
             sectors: &trained,
+            kept: &kept,
             background: &background,
             config: &config,
         };
         let record = |view| walk.record(view);
-        let mut read = |sector| held_out.take().map_or_else(|| walk.held_out(sector), Ok);
+        let mut read = |sector: usize| match held_out.take() {
+            Some(views) => Ok(HeldOutImages {
+                numbers: trained[sector].found.held_out.clone(),
+                views,
+            }),
+            None => walk.held_out(sector),
+        };
         let result = whole.evaluate(&mut read, &record)?;
         if let Some(name) = self.device.name() {
             work.note(format!("trained on {name}"));
         }
-        note_result(work, &trained, &result);
+        note_result(work, &whole, &result);
         product::write_sectors(work.draft(SPLATS), &whole, &result, &record, names)
     }
 
     fn clean_up(&self, bundle: &Path) {
         let names = std::fs::read_dir(bundle).into_iter().flatten().flatten();
-        let files = names.filter(|entry| {
-            let name = entry.file_name();
-            let name = name.to_string_lossy();
-            is_splats_checkpoint(name.strip_suffix(".tmp").unwrap_or(&name))
-        });
+        let files =
+            names.filter(|entry| is_splats_checkpoint(&entry.file_name().to_string_lossy()));
         for file in files {
             // One that cannot be removed is discarded by the next training.
             let _ = std::fs::remove_file(file.path());
@@ -217,8 +228,12 @@ fn note_images(work: &Work<'_, Input>, sectors: &[TrainedSector]) {
     }
 }
 
-fn note_result(work: &Work<'_, Input>, sectors: &[TrainedSector], result: &HeldOutResult) {
-    let reasons = sectors.iter().filter_map(|of| of.fell_back.as_ref());
+fn note_result(work: &Work<'_, Input>, whole: &Whole<'_>, result: &HeldOutResult) {
+    let reasons: BTreeSet<&String> = whole
+        .sectors
+        .iter()
+        .filter_map(|of| of.fell_back.as_ref())
+        .collect();
     for reason in reasons {
         work.note(format!("continued on the processor: {reason}"));
     }
@@ -232,19 +247,20 @@ fn note_result(work: &Work<'_, Input>, sectors: &[TrainedSector], result: &HeldO
             evaluation.mean_ssim()
         ),
     };
-    let parts = || sectors.iter().filter_map(|of| of.part.as_ref());
-    let views: BTreeSet<usize> = sectors
+    let kept = whole.kept;
+    let views: BTreeSet<usize> = kept
         .iter()
-        .flat_map(|of| of.found.training.iter().copied())
+        .flat_map(|of| of.training.iter().copied())
         .collect();
-    let divided = match sectors.len() {
-        1 => String::new(),
-        count => format!(" in {count} sectors"),
+    let divided = match (whole.sectors.len(), kept.len()) {
+        (1, _) => String::new(),
+        (all, count) if count < all => format!(" in {count} of {all} sectors"),
+        (_, count) => format!(" in {count} sectors"),
     };
     work.note(format!(
         "{} Gaussians{divided}, {} at the start, from {} images; {quality}",
-        parts().map(|part| part.splats.len()).sum::<usize>(),
-        parts().map(|part| part.start_count).sum::<usize>(),
+        kept.iter().map(|of| of.part.splats.len()).sum::<usize>(),
+        kept.iter().map(|of| of.part.start_count).sum::<usize>(),
         views.len()
     ));
 }

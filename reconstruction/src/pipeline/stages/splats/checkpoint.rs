@@ -12,6 +12,7 @@ use std::path::PathBuf;
 
 use scene_bundle::layout;
 use serde_json::{Value, json};
+use splats::{CellBox, Cells};
 
 const MAGIC: &[u8] = b"paws splats checkpoint 2\n";
 /// Of a sector whose training is complete.
@@ -24,17 +25,30 @@ const MAX_BYTES: u64 = 16 << 30;
 /// Files of all sectors.
 pub(super) struct CheckpointFiles {
     pub(super) folder: PathBuf,
+    /// Version of the stage.
+    pub(super) version: u32,
     pub(super) settings: Value,
     /// Hashes of the inputs.
     pub(super) inputs: Vec<String>,
 }
 
 impl CheckpointFiles {
-    /// The file of a sector of some.
-    pub(super) fn of(&self, sector: usize, count: usize) -> CheckpointFile {
-        let sector = (count > 1).then_some(sector);
-        let name = layout::splats_checkpoint(sector);
-        let settings = json!({ "settings": self.settings, "sector": sector });
+    /// The file of a sector. Another division of the walk is another training.
+    ///
+    /// # Panics
+    /// If there is no such cell.
+    pub(super) fn of(&self, sector: usize, cells: &Cells) -> CheckpointFile {
+        let count = cells.count();
+        let CellBox { min_m, max_m } = cells.bounds(sector);
+        let settings = json!({
+            "version": self.version,
+            "settings": self.settings,
+            "sector": sector,
+            "sectors": count,
+            "min_m": min_m,
+            "max_m": max_m,
+        });
+        let name = layout::splats_checkpoint((count > 1).then_some(sector));
         CheckpointFile::new(self.folder.join(name), &settings, &self.inputs)
     }
 }
@@ -49,7 +63,7 @@ pub(super) struct CheckpointFile {
 /// Why a file cannot be used.
 #[derive(Debug, PartialEq, Eq, thiserror::Error)]
 pub(super) enum Unusable {
-    /// Other settings.
+    /// Other settings, another version of the stage or another division into sectors.
     #[error("it is of other settings")]
     Settings,
     /// Other inputs.
@@ -159,6 +173,7 @@ impl CheckpointFile {
 #[cfg(test)]
 mod tests {
     use serde_json::json;
+    use splats::SectorConfig;
 
     use super::*;
 
@@ -204,18 +219,37 @@ mod tests {
     #[test]
     fn sectors_do_not_take_each_others_files() {
         let folder = tempfile::tempdir().expect("a folder");
-        let files = CheckpointFiles {
+        let of_version = |version| CheckpointFiles {
             folder: folder.path().to_owned(),
+            version,
             settings: json!({ "steps": 7 }),
             inputs: vec!["a".to_owned()],
         };
-        files.of(0, 3).write_complete(b"first");
-        files.of(1, 3).write(b"second");
-        assert_eq!(files.of(0, 3).read_complete(), Some(b"first".to_vec()));
-        assert_eq!(files.of(1, 3).read(), Some(b"second".to_vec()));
-        assert_eq!(files.of(0, 1).read_complete(), None);
+        let files = of_version(3);
+        // Of 10 positions each, m.
+        let cells = |count: u32, from_m: f64| {
+            let positions = (0..10 * count).map(|k| [from_m + f64::from(k), 0.0, 0.0]);
+            let positions: Vec<[f64; 3]> = positions.collect();
+            Cells::of_positions(&positions, 10, &SectorConfig::default())
+        };
+        let three = cells(3, 0.0);
+        assert_eq!(three.count(), 3);
+        files.of(0, &three).write_complete(b"first");
+        files.of(1, &three).write(b"second");
+        assert_eq!(files.of(0, &three).read_complete(), Some(b"first".to_vec()));
+        assert_eq!(files.of(1, &three).read(), Some(b"second".to_vec()));
+        // Another version, other borders, and the same borders in another number of cells.
+        assert_eq!(of_version(4).of(0, &three).read_complete(), None);
+        assert_eq!(files.of(0, &cells(3, 0.5)).read_complete(), None);
+        let two = cells(2, 0.0);
+        assert_eq!(two.bounds(0), three.bounds(0));
+        assert_eq!(files.of(0, &two).read_complete(), None);
+        let one = |version: u32| of_version(version).of(0, &cells(1, 0.0));
+        one(3).write(b"all");
+        assert_eq!(one(3).read(), Some(b"all".to_vec()));
+        assert_eq!(one(4).read(), None);
         let path = |sector: usize| folder.path().join(format!("splats-00{sector}.checkpoint"));
         fs::copy(path(0), path(2)).expect("a copy");
-        assert_eq!(files.of(2, 3).read_complete(), None);
+        assert_eq!(files.of(2, &three).read_complete(), None);
     }
 }

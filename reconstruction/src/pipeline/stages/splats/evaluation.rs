@@ -1,13 +1,14 @@
-//! Held-out images compared with the scene as it is stored: a sector with those around it.
+//! Held-out images compared with the scene as it is stored: a sector with what is around it.
 
+use camera_models::Eye;
 use scene_bundle::outputs::splats::SplatView;
-use splats::{
-    Background, Cells, Evaluation, Part, Renderer, Scene, SplatError, Splats, TrainingView,
-};
+use splats::{Background, Cells, Evaluation, Plane, Renderer, Scene, SplatError, Splats};
 
 use super::comparison::{self, Comparison};
 use super::config::SplatsConfig;
-use super::sectors::TrainedSector;
+use super::images::HeldOutImages;
+use super::kept::{Kept, SectorBox};
+use super::trained::TrainedSector;
 use crate::pipeline::StageError;
 
 /// Quality in the held-out images of all sectors.
@@ -26,6 +27,8 @@ pub(super) struct HeldOutResult {
 pub(super) struct Whole<'a> {
     pub(super) cells: &'a Cells,
     pub(super) sectors: &'a [TrainedSector],
+    /// Those with Gaussians.
+    pub(super) kept: &'a [Kept<'a>],
     pub(super) background: &'a Background,
     pub(super) config: &'a SplatsConfig,
 }
@@ -35,10 +38,10 @@ impl Whole<'_> {
     /// the bundle records of a view.
     ///
     /// # Errors
-    /// Those of the images, [`SplatError`].
+    /// Those of the images, also if they are not those of the training; [`SplatError`].
     pub(super) fn evaluate(
         &self,
-        read: &mut dyn FnMut(usize) -> Result<Vec<TrainingView>, StageError>,
+        read: &mut dyn FnMut(usize) -> Result<HeldOutImages, StageError>,
         record: &dyn Fn(usize) -> SplatView,
     ) -> Result<HeldOutResult, StageError> {
         let renderer = Renderer::new(self.config.render)?;
@@ -49,7 +52,9 @@ impl Whole<'_> {
             if numbers.is_empty() {
                 continue;
             }
-            let views = read(sector)?;
+            let images = read(sector)?;
+            check_numbers(numbers, &images.numbers, record)?;
+            let views = images.views;
             let scene = self.scene_around(sector)?;
             let of_sector = Evaluation::new(&renderer, &scene, &views);
             let records: Vec<SplatView> = numbers.iter().map(|number| record(*number)).collect();
@@ -82,27 +87,61 @@ impl Whole<'_> {
         Ok(result)
     }
 
-    /// A sector and those around it.
-    fn scene_around(&self, sector: usize) -> Result<Scene, SplatError> {
-        let near = self.cells.within(sector, self.config.sectors.view_reach_m);
-        let parts = near.iter().filter_map(|k| self.sectors[*k].part.as_ref());
+    /// What is drawn of the stored scene in a sector: all Gaussians up to a distance of its box, as
+    /// the simulation shows them. A cell without Gaussians has no box: that distance of the cell.
+    fn scene_around(&self, cell: usize) -> Result<Scene, SplatError> {
+        let (Some(first), Some(all)) = (self.kept.first(), SectorBox::around(self.kept)) else {
+            return Ok(Scene {
+                splats: Splats::empty(0)?,
+                background: self.background.clone(),
+            });
+        };
+        let own = self.kept.iter().find(|of| of.cell == cell);
+        let bounds = own.map_or_else(|| all.above(self.cells.bounds(cell)), |of| of.bounds);
+        let reach = bounds.widened(self.config.sectors.view_reach_m);
+        let degree = first.part.splats.degree();
+        let mut planes = vec![Vec::new(); Plane::count(degree)];
+        for Kept { part, .. } in self.kept {
+            let near = reach.indices(&part.splats);
+            for (plane, of_part) in planes.iter_mut().zip(part.splats.planes()) {
+                plane.extend(near.iter().map(|index| of_part[*index]));
+            }
+        }
         Ok(Scene {
-            splats: joined(parts)?,
+            splats: Splats::from_planes(degree, planes)?,
             background: self.background.clone(),
         })
     }
 }
 
-/// The Gaussians of parts of one degree, in order.
-fn joined<'p>(mut parts: impl Iterator<Item = &'p Part>) -> Result<Splats, SplatError> {
-    let Some(first) = parts.next() else {
-        return Ok(Splats::empty(0)?);
+/// Compares numbers of held-out images, in order, with those of the training: images are read
+/// again, and a session may have changed in between.
+fn check_numbers(
+    expected: &[usize],
+    found: &[usize],
+    record: &dyn Fn(usize) -> SplatView,
+) -> Result<(), StageError> {
+    let same = expected.iter().zip(found).take_while(|(a, b)| a == b);
+    let first = same.count();
+    let (number, found, expected) = match (expected.get(first), found.get(first)) {
+        (None, None) => return Ok(()),
+        (Some(of), Some(other)) if other < of => (*other, "an image", "none"),
+        (Some(of), _) => (*of, "none that can be used", "an image"),
+        (None, Some(other)) => (*other, "an image", "none"),
     };
-    let mut planes = first.splats.planes().to_vec();
-    for part in parts {
-        for (plane, more) in planes.iter_mut().zip(part.splats.planes()) {
-            plane.extend(more);
-        }
-    }
-    Ok(Splats::from_planes(first.splats.degree(), planes)?)
+    let SplatView {
+        camera, eye, frame, ..
+    } = record(number);
+    let eye = match eye {
+        Eye::Left => "left",
+        Eye::Right => "right",
+    };
+    Err(format!(
+        "held-out {eye} image of camera {camera}, frame {frame}: found {found} after the training, \
+         expected {expected} as at its start"
+    )
+    .into())
 }
+
+#[cfg(test)]
+mod tests;

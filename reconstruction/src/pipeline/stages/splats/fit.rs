@@ -7,6 +7,7 @@ use splats::{
 
 use super::checkpoint::CheckpointFile;
 use super::config::SplatsConfig;
+use crate::pipeline::StageError;
 
 /// Steps between two checkpoints.
 const CHECKPOINT_STEPS: usize = 500;
@@ -33,6 +34,31 @@ pub(super) struct On {
     pub(super) device: Option<Box<dyn TrainingDevice>>,
     /// Whether the processor takes over if the device fails.
     pub(super) falls_back: bool,
+    /// Why the processor took over before the first step.
+    pub(super) fell_back: Option<String>,
+}
+
+impl On {
+    /// On a device, or on the processor if it cannot be used and the processor takes over: a
+    /// device that was lost in the training of one sector remains lost for the next one.
+    ///
+    /// # Errors
+    /// That of the device if the processor does not take over.
+    pub(super) fn new(
+        device: Result<Option<Box<dyn TrainingDevice>>, StageError>,
+        falls_back: bool,
+    ) -> Result<Self, StageError> {
+        let (device, fell_back) = match device {
+            Ok(device) => (device, None),
+            Err(error) if falls_back => (None, Some(error.to_string())),
+            Err(error) => return Err(error),
+        };
+        Ok(Self {
+            device,
+            falls_back,
+            fell_back,
+        })
+    }
 }
 
 /// Progress of a training.
@@ -97,7 +123,7 @@ pub(super) fn fit(
         }
     }
     let shown = &held_out[..held_out.len().min(SHOWN_VIEWS)];
-    let (mut psnr_db, mut fell_back) = (None, None);
+    let (mut psnr_db, mut fell_back) = (None, on.fell_back.take());
     while trainer.steps() < config.train.steps {
         let before = trainer.steps();
         let result = match &mut on.device {

@@ -17,6 +17,13 @@ pub(super) struct Images {
     pub(super) found: Found,
 }
 
+/// Held-out images that can be used.
+pub(super) struct HeldOutImages {
+    /// Numbers of the views, in order.
+    pub(super) numbers: Vec<usize>,
+    pub(super) views: Vec<TrainingView>,
+}
+
 /// What was found in the images of a sector.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub(super) struct Found {

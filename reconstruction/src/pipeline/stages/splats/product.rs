@@ -9,10 +9,11 @@ use scene_bundle::outputs::splats::{
     SplatView, write,
 };
 use scene_bundle::{BundleError, Draft};
-use splats::{Background, Coverage, GrowthCheck, ObservedSpace, Part, Plane, Splats};
+use splats::{Background, Coverage, GrowthCheck, ObservedSpace, Part};
 
 use super::config::SplatsConfig;
 use super::evaluation::{HeldOutResult, Whole};
+use super::kept::Kept;
 use crate::pipeline::StageError;
 
 /// Names of the settings and of the model of exposures.
@@ -22,16 +23,8 @@ pub(super) struct Names {
     pub(super) exposure_model: &'static str,
 }
 
-/// A sector that has Gaussians.
-struct Kept<'a> {
-    cell: usize,
-    part: &'a Part,
-    /// Numbers of the views that trained it.
-    training: &'a [usize],
-}
-
-/// Writes trained sectors; those without Gaussians are left out. `record` gives what the bundle
-/// records of a view by its number.
+/// Writes the sectors with Gaussians. `record` gives what the bundle records of a view by its
+/// number.
 pub(super) fn write_sectors(
     draft: &Draft,
     whole: &Whole<'_>,
@@ -40,20 +33,7 @@ pub(super) fn write_sectors(
     names: Names,
 ) -> Result<(), StageError> {
     let config = whole.config;
-    let kept: Vec<Kept<'_>> = (whole.sectors.iter().enumerate())
-        .filter_map(|(cell, sector)| {
-            let part = sector
-                .part
-                .as_ref()
-                .filter(|part| !part.splats.is_empty())?;
-            let training = &sector.found.training;
-            Some(Kept {
-                cell,
-                part,
-                training,
-            })
-        })
-        .collect();
+    let kept = whole.kept;
     let Some(first) = kept.first() else {
         return Ok(write_empty(draft, names, config)?);
     };
@@ -82,7 +62,7 @@ pub(super) fn write_sectors(
         degree: first.part.splats.degree(),
         compensated: config.render.compensate,
         background,
-        sectors: sectors(whole, &kept, &index),
+        sectors: sectors(kept, &index),
         views,
         training: SplatTraining {
             preset: names.preset.to_owned(),
@@ -112,33 +92,11 @@ pub(super) fn write_sectors(
     Ok(write(draft, &scene, &content)?)
 }
 
-/// Records of sectors: boxes are their cells, within the box of all Gaussians.
-fn sectors(
-    whole: &Whole<'_>,
-    kept: &[Kept<'_>],
-    index: &dyn Fn(&usize) -> usize,
-) -> Vec<SplatSector> {
-    let all: Vec<[[f64; 3]; 2]> = kept.iter().map(|of| bounds(&of.part.splats)).collect();
-    let outer = |k: usize, of: fn(f64, f64) -> f64, corner: usize| {
-        let along = all.iter().map(|corners| corners[corner][k]);
-        along.reduce(of).unwrap_or(0.0)
-    };
-    let corners = |(sector, [low, high]): (&Kept<'_>, &[[f64; 3]; 2])| {
-        let cell = whole.cells.bounds(sector.cell);
-        let (mut min_m, mut max_m) = (*low, *high);
-        for k in 0..2 {
-            min_m[k] = cell.min_m[k].max(outer(k, f64::min, 0));
-            max_m[k] = cell.max_m[k].min(outer(k, f64::max, 1));
-        }
-        [min_m, max_m]
-    };
-    let boxes: Vec<[[f64; 3]; 2]> = kept.iter().zip(&all).map(corners).collect();
-    let touch = |a: &[[f64; 3]; 2], b: &[[f64; 3]; 2]| {
-        (0..2).all(|k| a[0][k] <= b[1][k] && b[0][k] <= a[1][k])
-    };
+/// Records of sectors.
+fn sectors(kept: &[Kept<'_>], index: &dyn Fn(&usize) -> usize) -> Vec<SplatSector> {
     let neighbors = |sector: usize| -> Vec<SplatNeighbor> {
         let others = (0..kept.len()).filter(|other| *other != sector);
-        let near = others.filter(|other| touch(&boxes[sector], &boxes[*other]));
+        let near = others.filter(|other| kept[sector].bounds.touches(&kept[*other].bounds));
         near.map(|sector| SplatNeighbor {
             sector,
             neighbor_from_sector: RigidTransform::identity(),
@@ -146,8 +104,8 @@ fn sectors(
         .collect()
     };
     let sector = |(number, of): (usize, &Kept<'_>)| SplatSector {
-        min_m: boxes[number][0],
-        max_m: boxes[number][1],
+        min_m: of.bounds.min_m,
+        max_m: of.bounds.max_m,
         count: of.part.splats.len(),
         file: String::new(),
         blake3: String::new(),
@@ -215,17 +173,6 @@ fn observed(coverage: &Coverage) -> Vec<SplatObserved> {
         depth_error: seen.depth_error,
     });
     seen.collect()
-}
-
-/// Box around the means.
-fn bounds(splats: &Splats) -> [[f64; 3]; 2] {
-    let along = |of: fn(f32, f32) -> f32| {
-        [0, 1, 2].map(|k| {
-            let means = splats.planes()[Plane::POSITION + k].iter().copied();
-            f64::from(means.reduce(of).unwrap_or(0.0))
-        })
-    };
-    [along(f32::min), along(f32::max)]
 }
 
 fn check(of: &GrowthCheck) -> SplatCheck {

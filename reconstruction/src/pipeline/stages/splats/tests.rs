@@ -9,7 +9,7 @@ use camera_models::{CameraModel, Distortion};
 use serde_json::json;
 
 use super::checkpoint::CheckpointFile;
-use super::fit::{On, fit, start};
+use super::fit::{fit, start};
 use super::*;
 
 const SIZE: (u32, u32) = (48, 32);
@@ -57,15 +57,12 @@ fn settings(steps: usize) -> SplatsConfig {
 }
 
 fn processor() -> On {
-    On {
-        device: None,
-        falls_back: false,
-    }
+    On::new(Ok(None), false).expect("the processor")
 }
 
 /// A device that is lost after some runs of steps, which it leaves to nobody.
-struct Lost {
-    runs: usize,
+pub(super) struct Lost {
+    pub(super) runs: usize,
 }
 
 impl TrainingDevice for Lost {
@@ -95,10 +92,7 @@ fn the_processor_takes_over_from_a_lost_device_only_if_asked() {
             &[],
             &config,
             &no_file(),
-            On {
-                device: Some(Box::new(Lost { runs: 1 })),
-                falls_back,
-            },
+            On::new(Ok(Some(Box::new(Lost { runs: 1 }))), falls_back).expect("a device"),
             &mut |now| steps.push(now.steps),
         );
         // A run ends at a hundred steps.
@@ -227,7 +221,8 @@ fn too_little_memory_is_an_error_in_bytes_before_the_start() {
     let needed = |count: usize, preset: Preset| {
         let config = SplatsConfig::preset(preset, None);
         let check = |sectors: &[Vec<[u64; 2]>], available| {
-            memory::check(sectors, &config, available).map_err(|error| error.to_string())
+            memory::check(sectors, &[sizes(8)], &config, available)
+                .map_err(|error| error.to_string())
         };
         let sectors = [sizes(count)];
         let text = check(&sectors, Some(0)).expect_err("no memory");
@@ -262,4 +257,25 @@ fn too_little_memory_is_an_error_in_bytes_before_the_start() {
     // And the combined depth of a sixteenth of the pixels of left images.
     let pixels = 672 * 376;
     assert_eq!(per_image, pixels * (3 + 1 + 8 + 3 + 1) + pixels / 16 * 8);
+
+    // Of many sectors all Gaussians are the most: as they are, as copies for the files, and what
+    // was seen of both.
+    let config = SplatsConfig::preset(Preset::Balanced, None);
+    let many = |count: usize| {
+        let sectors = vec![sizes(100); count];
+        let error = memory::check(&sectors, &[sizes(8)], &config, Some(0)).expect_err("no memory");
+        let text = error.to_string();
+        let start = format!("comparing and writing {count} sectors needs up to ");
+        let rest = text
+            .strip_prefix(&start)
+            .unwrap_or_else(|| panic!("{text}"));
+        assert!(
+            rest.contains("take more for `--splat-sector-views`"),
+            "{text}"
+        );
+        let (bytes, _) = rest.split_once(' ').expect("a number");
+        bytes.parse::<u64>().expect("a number")
+    };
+    let of_sector = 2 * (23 * 4 + 32) * config.train.growth.max_splats as u64;
+    assert_eq!(many(80) - many(40), 40 * of_sector);
 }

@@ -2,13 +2,14 @@
 
 use camera_models::Eye;
 use scene_bundle::outputs::splats::SplatView;
-use splats::{Cells, TrainingView};
+use splats::Cells;
 
 use super::fit;
-use super::images::Images;
+use super::images::{HeldOutImages, Images};
 use super::keyframes::{CameraKeyframes, ChosenKeyframe};
 use super::plan::Plan;
-use super::views::{Inputs, ViewMaker};
+use super::trained::SectorViews;
+use super::views::{Inputs, ViewMaker, view_number};
 use crate::input::Input;
 use crate::pipeline::{StageError, Work};
 
@@ -57,13 +58,33 @@ impl<'a> Walk<'a> {
         &self.plan.cells
     }
 
-    /// Pixels of the left and right image of each keyframe of each sector.
-    pub(super) fn image_sizes(&self) -> Vec<Vec<[u64; 2]>> {
+    /// Views of each sector.
+    pub(super) fn views(&self) -> Vec<SectorViews> {
+        let of_sector = |cameras: &Vec<CameraKeyframes<'_>>| {
+            let mut views = SectorViews::default();
+            for chosen in cameras.iter().flat_map(|of| &of.keyframes) {
+                let numbers = match chosen.is_held_out {
+                    true => &mut views.held_out,
+                    false => &mut views.training,
+                };
+                numbers.push(view_number(chosen, Eye::Left));
+                if self.inputs.config.right_images {
+                    numbers.push(view_number(chosen, Eye::Right));
+                }
+            }
+            views
+        };
+        self.sectors.iter().map(of_sector).collect()
+    }
+
+    /// Pixels of the left and right image of some keyframes of each sector.
+    pub(super) fn image_sizes(&self, of: impl Fn(&ChosenKeyframe) -> bool) -> Vec<Vec<[u64; 2]>> {
         let sizes = |cameras: &Vec<CameraKeyframes<'_>>| {
-            let of_camera = |of: &CameraKeyframes<'_>| {
-                let size = [&of.camera.left, &of.camera.right]
+            let of_camera = |all: &CameraKeyframes<'_>| {
+                let size = [&all.camera.left, &all.camera.right]
                     .map(|model| u64::from(model.width) * u64::from(model.height));
-                std::iter::repeat_n(size, of.keyframes.len())
+                let count = all.keyframes.iter().filter(|keyframe| of(keyframe)).count();
+                std::iter::repeat_n(size, count)
             };
             cameras.iter().flat_map(of_camera).collect()
         };
@@ -87,11 +108,14 @@ impl<'a> Walk<'a> {
     ///
     /// # Errors
     /// As [`Self::images`].
-    pub(super) fn held_out(&self, sector: usize) -> Result<Vec<TrainingView>, StageError> {
+    pub(super) fn held_out(&self, sector: usize) -> Result<HeldOutImages, StageError> {
         let cameras = self.sectors[sector].iter();
         let cameras: Vec<_> = cameras.map(|of| of.of(|k| k.is_held_out)).collect();
         let images = Images::read(self.work, self.inputs, &cameras, &|_| false, &mut |_| {})?;
-        Ok(images.held_out)
+        Ok(HeldOutImages {
+            numbers: images.found.held_out,
+            views: images.held_out,
+        })
     }
 
     /// Shows the progress of the training of a sector.
@@ -104,7 +128,7 @@ impl<'a> Walk<'a> {
             .map_or(String::new(), |db| format!(", {db:.1} dB held out"));
         let of = match self.plan.len() {
             1 => String::new(),
-            count => format!("sector {} of {count}: ", sector + 1),
+            count => format!("sector {sector} of {count}: "),
         };
         self.work
             .status(&format!("{of}{} Gaussians{psnr}", now.splats));

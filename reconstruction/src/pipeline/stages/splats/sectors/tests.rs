@@ -3,7 +3,7 @@ use std::path::Path;
 
 use ::splats::{
     Background, Camera, CellsSeen, Exposure, RenderConfig, Renderer, Scene, SectorConfig, Splat,
-    Splats, merged_background,
+    Splats, TrainingDevice, merged_background,
 };
 use cad_transforms::RigidTransform;
 use camera_models::{CameraModel, Distortion, Eye};
@@ -12,6 +12,9 @@ use serde_json::json;
 
 use super::super::evaluation::{HeldOutResult, Whole};
 use super::super::fit::Progress;
+use super::super::images::HeldOutImages;
+use super::super::kept::kept;
+use super::super::tests::Lost;
 use super::*;
 use crate::pipeline::stages::preset::Preset;
 
@@ -122,6 +125,12 @@ fn config() -> SplatsConfig {
     config
 }
 
+/// All views, since their sectors are chosen by the test.
+fn views_of_each(cells: &Cells) -> Vec<SectorViews> {
+    let (held_out, training) = (0..positions().len()).partition(|k| k % HELD_OUT == 2);
+    vec![SectorViews { training, held_out }; cells.count()]
+}
+
 type Seen = Vec<(usize, usize)>;
 
 /// Trains all sectors of a number of cells; gives also the steps of the progress.
@@ -133,6 +142,7 @@ fn train(
 ) -> (Vec<TrainedSector>, Seen) {
     let checkpoints = CheckpointFiles {
         folder: folder.to_owned(),
+        version: 3,
         settings: json!({ "config": config }),
         inputs: Vec::new(),
     };
@@ -140,28 +150,26 @@ fn train(
         cells,
         config,
         checkpoints: &checkpoints,
+        views: &views_of_each(cells),
     };
     let (views, mut seen) = (views(), Vec::new());
     let mut progress = |sector: usize, now: Progress| {
         seen.push((sector, now.steps));
         at(sector, now.steps);
     };
-    let mut on = || {
-        Ok(On {
-            device: None,
-            falls_back: false,
-        })
-    };
+    let mut on = || On::new(Ok(None), false);
     let mut read = |sector| Ok(images(&views, cells, sector));
     let trained = sectors.train(&mut read, &mut on, &mut progress);
     (trained.expect("trainings").0, seen)
 }
 
 fn evaluate(cells: &Cells, config: &SplatsConfig, sectors: &[TrainedSector]) -> HeldOutResult {
-    let parts: Vec<&Part> = sectors.iter().filter_map(|of| of.part.as_ref()).collect();
+    let kept = kept(cells, sectors);
+    let parts: Vec<&Part> = kept.iter().map(|of| of.part).collect();
     let whole = Whole {
         cells,
         sectors,
+        kept: &kept,
         background: &merged_background(&parts).expect("a sky"),
         config,
     };
@@ -179,8 +187,12 @@ fn evaluate(cells: &Cells, config: &SplatsConfig, sectors: &[TrainedSector]) -> 
         held_out: None,
     };
     let mut read = |sector: usize| {
-        let held_out = sectors[sector].found.held_out.iter();
-        Ok(held_out.map(|number| views[*number].clone()).collect())
+        let numbers = sectors[sector].found.held_out.clone();
+        let views = numbers
+            .iter()
+            .map(|number| views[*number].clone())
+            .collect();
+        Ok(HeldOutImages { numbers, views })
     };
     whole.evaluate(&mut read, &record).expect("an evaluation")
 }
@@ -222,14 +234,14 @@ fn sectors_are_trained_by_themselves_and_resume() {
 
     for (sector, trained) in sectors.iter().enumerate() {
         let part = trained.part.as_ref().expect("a part");
-        assert!(part.splats.len() > 200, "{}", part.splats.len());
+        assert!(part.splats.len() > 280, "{}", part.splats.len());
         for k in 0..part.splats.len() {
             let mean = part.splats.get(k).position_m.map(f64::from);
             assert_eq!(cells.cell_of(mean), sector, "{mean:?}");
         }
         // Views from the other side of the border that look across it.
         let beside = trained.found.all - trained.found.inside;
-        assert!((3..=10).contains(&beside), "{beside}");
+        assert_eq!(beside, 7);
         assert_eq!(trained.found.inside, 20);
     }
 
@@ -243,13 +255,12 @@ fn sectors_are_trained_by_themselves_and_resume() {
     assert_eq!(several.views.len(), 8);
     let [a, b] = [&single, &several].map(|of| of.evaluation.mean_psnr_db());
     println!("{a:.2} dB of one sector, {b:.2} dB of two");
-    assert!(
-        a > 18.0 && b > a - 0.5,
-        "{a} dB of one sector, {b} dB of two"
-    );
-    let worst = several.evaluation.worst_psnr_db();
-    assert!(worst > single.evaluation.worst_psnr_db() - 1.5, "{worst}");
-    assert!(several.evaluation.depth_error < 0.1);
+    // Measured 39.5 and 45.4 dB, worst ones 36.3 and 42.7 dB.
+    assert!(a > 39.0 && b > 44.5, "{a} dB of one sector, {b} dB of two");
+    let [a, b] = [&single, &several].map(|of| of.evaluation.worst_psnr_db());
+    assert!(a > 35.5 && b > 41.5, "{a} dB of one sector, {b} dB of two");
+    let error = several.evaluation.depth_error;
+    assert!(error < 0.008, "{error}");
     assert_eq!(several.comparisons.len(), 1);
 }
 
@@ -260,6 +271,7 @@ fn a_sector_without_images_is_a_loss_that_names_it() {
     let folder = tempfile::tempdir().expect("a folder");
     let checkpoints = CheckpointFiles {
         folder: folder.path().to_owned(),
+        version: 3,
         settings: json!({}),
         inputs: Vec::new(),
     };
@@ -269,6 +281,7 @@ fn a_sector_without_images_is_a_loss_that_names_it() {
         cells: &cells,
         config: &short,
         checkpoints: &checkpoints,
+        views: &views_of_each(&cells),
     };
     let views = views();
     let mut read = |sector| {
@@ -280,12 +293,7 @@ fn a_sector_without_images_is_a_loss_that_names_it() {
         }
         Ok(images)
     };
-    let mut on = || {
-        Ok(On {
-            device: None,
-            falls_back: false,
-        })
-    };
+    let mut on = || On::new(Ok(None), false);
     let (trained, _) = sectors
         .train(&mut read, &mut on, &mut |_, _| {})
         .expect("trainings");
@@ -299,4 +307,84 @@ fn a_sector_without_images_is_a_loss_that_names_it() {
         .train(&mut |_| Err("read again".into()), &mut on, &mut |_, _| {})
         .expect("files");
     assert!(again == trained);
+}
+
+/// A device that is lost in one sector is still lost in the next one.
+#[test]
+fn the_processor_takes_over_in_all_sectors_after_a_lost_device_only_if_asked() {
+    let mut config = config();
+    config.train.steps = 3;
+    let cells = Cells::of_positions(&positions(), 20, &config.sectors);
+    let views = views();
+    for falls_back in [true, false] {
+        let folder = tempfile::tempdir().expect("a folder");
+        let checkpoints = CheckpointFiles {
+            folder: folder.path().to_owned(),
+            version: 3,
+            settings: json!({}),
+            inputs: Vec::new(),
+        };
+        let sectors = Sectors {
+            cells: &cells,
+            config: &config,
+            checkpoints: &checkpoints,
+            views: &views_of_each(&cells),
+        };
+        let mut opened = 0;
+        let mut on = || {
+            opened += 1;
+            let device: Box<dyn TrainingDevice> = Box::new(Lost { runs: 0 });
+            match opened {
+                1 => On::new(Ok(Some(device)), falls_back),
+                _ => On::new(Err("the GPU was lost before".into()), falls_back),
+            }
+        };
+        let mut read = |sector| Ok(images(&views, &cells, sector));
+        let trained = sectors.train(&mut read, &mut on, &mut |_, _| {});
+        match trained {
+            Ok((trained, _)) => {
+                assert!(falls_back && trained.iter().all(|of| of.part.is_some()));
+                let reasons = trained.iter().map(|of| of.fell_back.as_deref());
+                let expected = ["it was taken away", "the GPU was lost before"].map(Some);
+                assert_eq!(reasons.collect::<Vec<_>>(), expected);
+            }
+            Err(error) => assert!(!falls_back, "{error}"),
+        }
+    }
+}
+
+/// All that images of a sector show can be in another one.
+#[test]
+fn a_sector_without_gaussians_is_a_loss_with_its_cell() {
+    let mut config = config();
+    config.train.steps = 3;
+    let far: Vec<[f64; 3]> = (0..20)
+        .map(|k| [1000.0 * f64::from(k / 10), 0.0, 0.0])
+        .collect();
+    let cells = Cells::of_positions(&far, 10, &config.sectors);
+    assert_eq!(cells.count(), 2);
+    let folder = tempfile::tempdir().expect("a folder");
+    let checkpoints = CheckpointFiles {
+        folder: folder.path().to_owned(),
+        version: 3,
+        settings: json!({}),
+        inputs: Vec::new(),
+    };
+    let sectors = Sectors {
+        cells: &cells,
+        config: &config,
+        checkpoints: &checkpoints,
+        views: &views_of_each(&cells),
+    };
+    let views = views();
+    let mut read = |_| Ok(images(&views, &cells, 0));
+    let mut on = || On::new(Ok(None), false);
+    let trained = sectors.train(&mut read, &mut on, &mut |_, _| {});
+    let (trained, _) = trained.expect("trainings");
+    let kept = kept(&cells, &trained);
+    assert_eq!(kept.iter().map(|of| of.cell).collect::<Vec<_>>(), [0]);
+    assert_eq!(trained[0].found.losses, [""; 0]);
+    let loss = "sector 1 of 2: no Gaussian of its training is in its cell, x from 500.00 to inf m \
+                and y from -inf to inf m";
+    assert_eq!(trained[1].found.losses, [loss]);
 }
