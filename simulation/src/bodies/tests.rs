@@ -429,8 +429,8 @@ fn bad_ground_is_refused_with_its_place() {
     }
 }
 
-/// The engine takes a body out of the computation whose state is not finite; it is said in each step
-/// from then on, and the others go on.
+/// The engine takes a body out of the computation whose state is not finite. Each step from then on
+/// is an error, and the others go on.
 #[test]
 fn a_body_that_is_lost_is_an_error_from_then_on() {
     let mut world = RigidBodies::new(&stairs(), BodiesConfig::default()).unwrap();
