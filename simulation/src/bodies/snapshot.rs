@@ -49,8 +49,7 @@ impl RigidBodies {
             let found = "one of another ground or configuration";
             return Err(refused(found, "one of this ground and configuration"));
         }
-        let decoded: Result<((PhysicsWorld, Vec<RigidBodyHandle>), &[u8]), _> =
-            postcard::take_from_bytes(content);
+        let decoded = postcard::take_from_bytes::<(PhysicsWorld, Vec<RigidBodyHandle>)>(content);
         let ((world, handles), rest) =
             decoded.map_err(|error| refused(&error.to_string(), "a state of rigid bodies"))?;
         if let Some(lost) = handles.iter().position(|own| !world.bodies.contains(*own)) {
