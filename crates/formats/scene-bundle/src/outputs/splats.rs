@@ -123,16 +123,20 @@ pub fn write(
         let found = format!("{} parts", content.sectors.len());
         return Err(refuse(Fault::new("sectors", found, "one for each sector")));
     }
-    // One after the other: together they are as large as the scene.
     for (number, (sector, splats)) in scene.sectors.iter_mut().zip(content.sectors).enumerate() {
         sector.count = splats.len();
         sector.file = sector_path(number);
+        // Until there are bytes.
+        sector.blake3 = blake3::hash(&[]).to_hex().to_string();
+    }
+    scene.check().map_err(refuse)?;
+    // One after the other: together they are as large as the scene.
+    for (sector, splats) in scene.sectors.iter_mut().zip(content.sectors) {
         check_sector(sector, splats, scene.degree).map_err(refuse)?;
         let bytes = ply::write(splats, scene.compensated);
         sector.blake3 = blake3::hash(&bytes).to_hex().to_string();
         draft.write(&sector.file, &bytes)?;
     }
-    scene.check().map_err(refuse)?;
     let mut files = Vec::new();
     match scene.background {
         SplatBackground::Sky { size } if content.sky.len() == size * size => {

@@ -119,8 +119,10 @@ impl TrainedSector {
 }
 
 impl Expected<'_> {
+    /// Compares a sector with what is expected of it.
+    ///
     /// # Errors
-    /// [`SplatError::Checkpoint`] if a sector is not one of these.
+    /// [`SplatError::Checkpoint`] with what was found.
     fn check(&self, trained: &TrainedSector) -> Result<(), SplatError> {
         let Found {
             training, held_out, ..
@@ -146,6 +148,7 @@ impl Expected<'_> {
             space_m: [space.voxel_m(), space.range_m()],
         };
         let expected = Sizes {
+            // Trainings of one or two steps may end below it, and are repeated then.
             degree: self.config.train.degree,
             sky: self.config.sky_texels,
             seen_sky: config.sky_texels,
