@@ -17,6 +17,7 @@ use super::{Pipeline, PipelineError, Stage};
 use crate::input::Input;
 
 pub use crate::input::HANDOFF;
+pub use maps::{map_collision, map_levels};
 pub use preset::Preset;
 
 mod bundle_adjustment;

@@ -7,7 +7,14 @@ use std::fs;
 use std::path::Path;
 
 use anyhow::{Context, Result};
+use charts::Chart;
 use serde_json::{Map, Value};
+
+use crate::stamp;
+
+/// Size of a chart, px.
+const WIDTH: u32 = 760;
+const HEIGHT: u32 = 420;
 
 /// The report of earlier runs; empty if there is none.
 ///
@@ -28,6 +35,25 @@ pub(crate) fn read(path: &Path) -> Result<Map<String, Value>> {
 pub(crate) fn write(path: &Path, report: &Map<String, Value>) -> Result<()> {
     let text = format!("{:#}\n", Value::Object(report.clone()));
     fs::write(path, text).with_context(|| format!("writing {}", path.display()))
+}
+
+/// Names and texts of charts, each of a part of a report, from which its footnote is.
+pub(crate) fn to_svg(drawn: Vec<(&str, Chart, &Value)>) -> Vec<(String, String)> {
+    let svg = |(name, chart, part): (&str, Chart, &Value)| {
+        let chart = chart.footnote(&stamp::source(&part["stamp"]));
+        (name.to_owned(), chart.to_svg(WIDTH, HEIGHT))
+    };
+    drawn.into_iter().map(svg).collect()
+}
+
+/// Entries of an array; none of anything else.
+pub(crate) fn rows(found: &Value) -> &[Value] {
+    found.as_array().map_or(&[], Vec::as_slice)
+}
+
+/// A number; not-a-number for anything else.
+pub(crate) fn number(value: &Value) -> f64 {
+    value.as_f64().unwrap_or(f64::NAN)
 }
 
 /// Writes charts by their names.

@@ -82,7 +82,7 @@ pub use render::{
     DetailConfig, DetailScene, Gradients, Image, ImageGradient, Pass, RenderStats, Renderer,
 };
 pub use scene::{Background, Exposure, MAX_DEGREE, Plane, Scene, Sky, Splat, Splats, coefficients};
-pub use sectors::{CellBox, Cells, CellsSeen, Part, SectorConfig, merged_background};
+pub use sectors::{CellBox, CellVisibility, Cells, Part, SectorConfig, merged_background};
 pub use train::{
     Evaluation, ExposureConfig, GrowthByNeed, GrowthCheck, GrowthConfig, LossConfig,
     MAX_VOXELS_PER_POINT, Observed, OptimizerConfig, PoseConfig, Preset, StartConfig, StartPoint,

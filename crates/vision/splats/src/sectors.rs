@@ -1,6 +1,6 @@
 //! Sectors: parts of a scene of a long walk, each trained by itself.
 //!
-//! [`Cells`] divide the ground by the positions of the cameras, [`CellsSeen`] says which views see
+//! [`Cells`] divide the ground by the positions of the cameras, [`CellVisibility`] says which views see
 //! a cell from outside of it, a [`Part`] is what the training of a sector leaves: the Gaussians in
 //! its cell. [`merged_background`] is the sky behind all of them.
 //!
@@ -11,10 +11,10 @@ mod background;
 mod cells;
 mod config;
 mod part;
-mod sight;
+mod visibility;
 
 pub use background::merged_background;
 pub use cells::{CellBox, Cells};
 pub use config::SectorConfig;
 pub use part::Part;
-pub use sight::CellsSeen;
+pub use visibility::CellVisibility;

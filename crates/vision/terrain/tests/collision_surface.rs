@@ -277,6 +277,15 @@ fn flat(_: f64, _: f64) -> f64 {
     0.0
 }
 
+/// The deepest place below flat ground along lines across its parts, m; more than the seam fails.
+fn least_across(surface: &Surface, config: &ConvexConfig) -> f64 {
+    let across = |y: f64| errors(surface, flat, line([-0.9, y], [0.9, y]));
+    [-0.8, -0.01, 0.5]
+        .map(|y| least_within(config.layer_seam_m + SLACK_M, across(y)))
+        .into_iter()
+        .fold(0.0, f64::min)
+}
+
 /// Two parts of a plane with ground between them that is on none.
 #[test]
 fn a_gap_between_parts_is_filled_by_the_layer() {
@@ -294,11 +303,7 @@ fn a_gap_between_parts_is_filled_by_the_layer() {
             extent: [[-1.0, -HALF_M], [1.0, HALF_M]],
         };
         let surface = ground.collision(&config);
-        let mut least = 0.0f64;
-        for y in [-0.8, -0.01, 0.5] {
-            let across = errors(&surface, flat, line([-0.9, y], [0.9, y]));
-            least = least.min(least_within(config.layer_seam_m + SLACK_M, across));
-        }
+        let least = least_across(&surface, &config);
         println!("in the gap {least} m");
     }
 }
@@ -317,11 +322,7 @@ fn no_hole_is_between_a_part_and_the_known_ground_beside_it() {
             extent: [[-1.0, -HALF_M], [1.0, HALF_M]],
         };
         let surface = ground.collision(&config);
-        let mut least = 0.0f64;
-        for y in [-0.8, -0.01, 0.5] {
-            let across = errors(&surface, flat, line([-0.9, y], [0.9, y]));
-            least = least.min(least_within(config.layer_seam_m + SLACK_M, across));
-        }
+        let least = least_across(&surface, &config);
         println!("beside the part {least} m");
         // Away from known ground it is the part alone that stands for it.
         let layer = &surface.collision.layers[0];

@@ -22,6 +22,8 @@ mod config;
 mod contact_patches;
 mod layers;
 
+pub use layers::{map_collision, map_levels};
+
 /// See the module.
 pub(super) struct MapsStage;
 
@@ -77,8 +79,8 @@ impl Stage<Input> for MapsStage {
             parts.parts.len(),
             obstacles.len()
         ));
-        outputs::maps::write(work.draft(MAPS), &layers::levels(levels))?;
-        let collision = layers::collision(parts, obstacles, &planes, &config.convex);
+        outputs::maps::write(work.draft(MAPS), &map_levels(levels))?;
+        let collision = map_collision(parts, obstacles, &planes, &config.convex);
         outputs::collision::write(work.draft(COLLISION), &collision)?;
         Ok(())
     }

@@ -6,11 +6,10 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, ensure};
 use nalgebra::Vector3;
+use reconstruction::pipeline::stages::map_collision;
 use scene_bundle::export::{Format, Options, export};
-use scene_bundle::outputs::collision::{
-    self, Collision, CollisionReport, ConvexPart, HeightLayer, PartKind,
-};
-use scene_bundle::outputs::{COLLISION, grid::Grid};
+use scene_bundle::outputs::COLLISION;
+use scene_bundle::outputs::collision::{self, Collision, CollisionReport, ConvexPart, PartKind};
 use scene_bundle::{Bundle, Provenance, Record, RigRevision};
 use terrain::ConvexConfig;
 use terrain::ObstacleConfig;
@@ -41,35 +40,7 @@ pub(super) fn reconstructed(surface: &Surface) -> Collision {
     } = surface;
     let parts = collision_parts(planes, edges, levels, &config);
     let obstacles = obstacle_parts(mesh, planes, levels, &ObstacleConfig::default());
-    let of_plane = parts.parts.into_iter().map(|part| ConvexPart {
-        kind: match planes.planes[part.plane as usize].normal[2] >= config.min_ground_cos {
-            true => PartKind::Ground,
-            false => PartKind::Wall,
-        },
-        plane: Some(part.plane),
-        vertices_m: part.vertices,
-        triangles: part.triangles,
-    });
-    let of_obstacle = obstacles.into_iter().map(|own| ConvexPart {
-        kind: PartKind::Obstacle,
-        plane: None,
-        vertices_m: own.vertices,
-        triangles: own.triangles,
-    });
-    let layers = parts.layers.into_iter().map(|layer| HeightLayer {
-        grid: Grid {
-            cell_m: layer.cell_m,
-            origin_m: layer.origin,
-            columns: layer.size[0],
-            rows: layer.size[1],
-        },
-        heights_m: layer.heights,
-    });
-    Collision {
-        parts: of_plane.chain(of_obstacle).collect(),
-        layers: layers.collect(),
-        report: CollisionReport::default(),
-    }
+    map_collision(parts, obstacles, planes, &config)
 }
 
 /// The true ground around a course: its triangles, joined to convex polygons where they are

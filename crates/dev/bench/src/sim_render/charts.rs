@@ -4,10 +4,8 @@ use charts::{Axis, Chart, Series};
 use serde_json::{Map, Value};
 
 use crate::render_speed::PAWS_SIM;
-use crate::stamp;
+use crate::report::{number, rows, to_svg};
 
-const WIDTH: u32 = 760;
-const HEIGHT: u32 = 420;
 const GOAL_DB: f64 = 40.0;
 
 /// Names and texts of all charts that there are results for.
@@ -23,19 +21,7 @@ pub(super) fn draw(report: &Map<String, Value>) -> Vec<(String, String)> {
     if let Some(part) = report.get("changes") {
         drawn.push(("sim_render-changes.svg", changes_chart(part), part));
     }
-    let svg = |(name, chart, part): (&str, Chart, &Value)| {
-        let chart = chart.footnote(&stamp::source(&part["stamp"]));
-        (name.to_owned(), chart.to_svg(WIDTH, HEIGHT))
-    };
-    drawn.into_iter().map(svg).collect()
-}
-
-fn rows(found: &Value) -> &[Value] {
-    found.as_array().map_or(&[], Vec::as_slice)
-}
-
-fn number(value: &Value) -> f64 {
-    value.as_f64().unwrap_or(f64::NAN)
+    to_svg(drawn)
 }
 
 /// Images per second of idle cores at best, from the processor time of an image.

@@ -4,10 +4,7 @@ use charts::{Axis, Chart, Series};
 use serde_json::{Map, Value};
 
 use super::heights::GOAL_MM;
-use crate::stamp;
-
-const WIDTH: u32 = 760;
-const HEIGHT: u32 = 420;
+use crate::report::{number, rows, to_svg};
 
 /// Names and texts of all charts that there are results for.
 pub(super) fn draw(report: &Map<String, Value>) -> Vec<(String, String)> {
@@ -20,19 +17,7 @@ pub(super) fn draw(report: &Map<String, Value>) -> Vec<(String, String)> {
         drawn.push(("sim_truth-depth.svg", depth(own), part));
         drawn.push(("sim_truth-offsets.svg", offsets(own), part));
     }
-    let svg = |(name, chart, part): (&str, Chart, &Value)| {
-        let chart = chart.footnote(&stamp::source(&part["stamp"]));
-        (name.to_owned(), chart.to_svg(WIDTH, HEIGHT))
-    };
-    drawn.into_iter().map(svg).collect()
-}
-
-fn rows(found: &Value) -> &[Value] {
-    found.as_array().map_or(&[], Vec::as_slice)
-}
-
-fn number(value: &Value) -> f64 {
-    value.as_f64().unwrap_or(f64::NAN)
+    to_svg(drawn)
 }
 
 fn name(walk: &Value) -> &str {

@@ -1,12 +1,10 @@
 //! Heights of the simulator's ground.
 
 use anyhow::Result;
-use scene_bundle::outputs::grid::Grid;
-use scene_bundle::outputs::maps::MapLevel;
+use reconstruction::pipeline::stages::map_levels;
 use serde_json::{Value, json};
 use simulation::{AgentConfig, Cover, Ground};
 use terrain::FusionConfig;
-use terrain::maps::Level;
 
 use crate::terrain::keyframes::{Source, depth_frames, keyframes};
 use crate::terrain::scores::Quantiles;
@@ -36,8 +34,7 @@ pub(super) fn measure(walk: Walk) -> Result<Value> {
     let truth = Truth::new(&prepared);
     let frames = depth_frames(&rendered, Source::Stereo)?;
     let surface = surface(&frames, FusionConfig::default())?;
-    let levels = surface.levels.into_iter().map(stored).collect();
-    let ground = Ground::new(levels, &AgentConfig::default())?;
+    let ground = Ground::new(map_levels(surface.levels), &AgentConfig::default())?;
     let (mut near, mut beside_edges, mut far) = (Vec::new(), Vec::new(), Vec::new());
     let (mut places, mut unknown, mut occupied) = ([0, 0], [0, 0], [0, 0]);
     for [x, y, step_z] in truth.cells(SPACING_M, FAR_M) {
@@ -92,31 +89,4 @@ pub(super) fn measure(walk: Walk) -> Result<Value> {
         },
         "goal": { "near_p95_mm": GOAL_MM, "share_within_two_sigmas": SHARE_GOAL },
     }))
-}
-
-/// A level as the stage `maps` writes it.
-fn stored(level: Level) -> MapLevel {
-    let [columns, rows] = level.size;
-    MapLevel {
-        grid: Grid {
-            cell_m: level.cell_m,
-            origin_m: level.origin,
-            columns,
-            rows,
-        },
-        elevation: level.elevation,
-        lower: level.lower,
-        upper: level.upper,
-        sigma: level.sigma,
-        normal: level.normal,
-        slope: level.slope,
-        step: level.step,
-        roughness: level.roughness,
-        clearance: level.clearance,
-        traversability: level.traversability,
-        distance: level.distance,
-        occupancy: level.occupancy,
-        views: level.views,
-        flags: level.flags,
-    }
 }

@@ -10,8 +10,8 @@ use terrain::convex::{self, Obstacle};
 use terrain::maps::Level;
 use terrain::planes::Planes;
 
-/// The levels of the output `maps`.
-pub(super) fn levels(levels: Vec<Level>) -> Vec<MapLevel> {
+/// Levels as the output `maps` has them.
+pub fn map_levels(levels: Vec<Level>) -> Vec<MapLevel> {
     let stored = |level: Level| MapLevel {
         grid: grid(level.cell_m, level.origin, level.size),
         elevation: level.elevation,
@@ -32,8 +32,8 @@ pub(super) fn levels(levels: Vec<Level>) -> Vec<MapLevel> {
     levels.into_iter().map(stored).collect()
 }
 
-/// The output `collision`.
-pub(super) fn collision(
+/// Parts and layers as the output `collision` has them.
+pub fn map_collision(
     collision: convex::Collision,
     obstacles: Vec<Obstacle>,
     planes: &Planes,

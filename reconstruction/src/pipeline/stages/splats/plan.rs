@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 
 use camera_models::Lens;
 use rayon::prelude::*;
-use splats::{Cells, CellsSeen};
+use splats::{CellVisibility, Cells};
 
 use super::config::SplatsConfig;
 use super::keyframes::{CameraKeyframes, ChosenKeyframe};
@@ -52,7 +52,7 @@ impl Plan {
             let is_inside = |number: usize| cells.cell_of(positions[number]) == cell;
             let left_out = |number: usize| held_out[number] || is_inside(number);
             let from_outside =
-                CellsSeen::from_outside(&seen, cell, beside, &config.sectors, left_out);
+                CellVisibility::from_outside(&seen, cell, beside, &config.sectors, left_out);
             SectorKeyframes {
                 inside: (0..positions.len()).filter(|k| is_inside(*k)).collect(),
                 beside: from_outside.into_iter().collect(),
@@ -106,7 +106,7 @@ fn seen(
     inputs: &Inputs<'_>,
     cameras: &[CameraKeyframes<'_>],
     cells: &Cells,
-) -> Result<Vec<CellsSeen>, StageError> {
+) -> Result<Vec<CellVisibility>, StageError> {
     let mut all = Vec::new();
     for of in cameras {
         let (maker, lens) = (ViewMaker::new(inputs, of), Lens::new(&of.camera.left));
@@ -127,10 +127,10 @@ fn seen(
                         .apply(ray.map(|v| v * scale)),
                 )
             };
-            Ok(CellsSeen::of_points(cells, usable.filter_map(point)))
+            Ok(CellVisibility::of_points(cells, usable.filter_map(point)))
         };
         let of_camera = of.keyframes.par_iter().map(points);
-        all.extend(of_camera.collect::<Result<Vec<CellsSeen>, StageError>>()?);
+        all.extend(of_camera.collect::<Result<Vec<CellVisibility>, StageError>>()?);
     }
     Ok(all)
 }

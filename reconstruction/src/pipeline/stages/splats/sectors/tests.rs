@@ -2,8 +2,8 @@ use std::fs;
 use std::path::Path;
 
 use ::splats::{
-    Background, Camera, CellsSeen, Exposure, RenderConfig, Renderer, Scene, SectorConfig, Splat,
-    Splats, TrainingDevice, merged_background,
+    Background, Camera, CellVisibility, Exposure, RenderConfig, Renderer, Scene, SectorConfig,
+    Splat, Splats, TrainingDevice, merged_background,
 };
 use cad_transforms::RigidTransform;
 use camera_models::{CameraModel, Distortion, Eye};
@@ -81,14 +81,14 @@ fn points(view: &TrainingView) -> Vec<[f64; 3]> {
 
 /// Images of a sector: those inside, and those of the training that see it.
 fn images(views: &[TrainingView], cells: &Cells, sector: usize) -> Images {
-    let seen: Vec<CellsSeen> = views
+    let seen: Vec<CellVisibility> = views
         .iter()
-        .map(|view| CellsSeen::of_points(cells, points(view)))
+        .map(|view| CellVisibility::of_points(cells, points(view)))
         .collect();
     let is_inside = |k: usize| cells.cell_of(positions()[k]) == sector;
     let config = SectorConfig::default();
     let left_out = |k: usize| is_inside(k) || k % HELD_OUT == 2;
-    let beside = CellsSeen::from_outside(&seen, sector, 10, &config, left_out);
+    let beside = CellVisibility::from_outside(&seen, sector, 10, &config, left_out);
     let mut images = Images::default();
     let mut first = None;
     for (k, view) in views.iter().enumerate() {
@@ -269,12 +269,7 @@ fn a_sector_without_images_is_a_loss_that_names_it() {
     let config = config();
     let cells = Cells::of_positions(&positions(), 20, &config.sectors);
     let folder = tempfile::tempdir().expect("a folder");
-    let checkpoints = CheckpointFiles {
-        folder: folder.path().to_owned(),
-        version: 3,
-        settings: json!({}),
-        inputs: Vec::new(),
-    };
+    let checkpoints = checkpoints(&folder);
     let mut short = config;
     short.train.steps = 3;
     let sectors = Sectors {
@@ -309,6 +304,16 @@ fn a_sector_without_images_is_a_loss_that_names_it() {
     assert!(again == trained);
 }
 
+/// Files of the sectors in a folder.
+fn checkpoints(folder: &tempfile::TempDir) -> CheckpointFiles {
+    CheckpointFiles {
+        folder: folder.path().to_owned(),
+        version: 3,
+        settings: json!({}),
+        inputs: Vec::new(),
+    }
+}
+
 /// A device that is lost in one sector is still lost in the next one.
 #[test]
 fn the_processor_takes_over_in_all_sectors_after_a_lost_device_only_if_asked() {
@@ -318,12 +323,7 @@ fn the_processor_takes_over_in_all_sectors_after_a_lost_device_only_if_asked() {
     let views = views();
     for falls_back in [true, false] {
         let folder = tempfile::tempdir().expect("a folder");
-        let checkpoints = CheckpointFiles {
-            folder: folder.path().to_owned(),
-            version: 3,
-            settings: json!({}),
-            inputs: Vec::new(),
-        };
+        let checkpoints = checkpoints(&folder);
         let sectors = Sectors {
             cells: &cells,
             config: &config,
@@ -364,12 +364,7 @@ fn a_sector_without_gaussians_is_a_loss_with_its_cell() {
     let cells = Cells::of_positions(&far, 10, &config.sectors);
     assert_eq!(cells.count(), 2);
     let folder = tempfile::tempdir().expect("a folder");
-    let checkpoints = CheckpointFiles {
-        folder: folder.path().to_owned(),
-        version: 3,
-        settings: json!({}),
-        inputs: Vec::new(),
-    };
+    let checkpoints = checkpoints(&folder);
     let sectors = Sectors {
         cells: &cells,
         config: &config,

@@ -6,28 +6,28 @@ use super::config::SectorConfig;
 /// Points of a view by the cell in which they are.
 ///
 /// ```
-/// use splats::{Cells, CellsSeen, SectorConfig};
+/// use splats::{Cells, CellVisibility, SectorConfig};
 ///
 /// let config = SectorConfig::default();
 /// let positions: Vec<[f64; 3]> = (0..20).map(|k| [f64::from(k), 0.0, 0.0]).collect();
 /// let cells = Cells::of_positions(&positions, 10, &config);
 /// // Each view measured one point, 3 m ahead.
-/// let ahead = |p: &[f64; 3]| CellsSeen::of_points(&cells, [[p[0] + 3.0, p[1], p[2]]]);
-/// let seen: Vec<CellsSeen> = positions.iter().map(ahead).collect();
+/// let ahead = |p: &[f64; 3]| CellVisibility::of_points(&cells, [[p[0] + 3.0, p[1], p[2]]]);
+/// let seen: Vec<CellVisibility> = positions.iter().map(ahead).collect();
 /// let inside = |view: usize, cell: usize| cells.cell_of(positions[view]) == cell;
-/// let of = |cell, most| CellsSeen::from_outside(&seen, cell, most, &config, |v| inside(v, cell));
+/// let of = |cell, most| CellVisibility::from_outside(&seen, cell, most, &config, |v| inside(v, cell));
 /// assert_eq!(of(1, 5), [7, 8, 9]);
 /// assert_eq!(of(1, 2), [7, 8]);
 /// assert_eq!(of(0, 5), [0; 0]);
 /// ```
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct CellsSeen {
+pub struct CellVisibility {
     /// Cells and numbers of points in them, by cell.
     counts: Vec<(usize, u32)>,
     points: u32,
 }
 
-impl CellsSeen {
+impl CellVisibility {
     /// Counts points, world, m. Those that are not finite are left out.
     pub fn of_points(cells: &Cells, points: impl IntoIterator<Item = [f64; 3]>) -> Self {
         let mut seen = Self::default();
@@ -88,12 +88,12 @@ mod tests {
     }
 
     /// Numbers of points in the cells of a row.
-    fn seen(cells: &Cells, counts: &[u32]) -> CellsSeen {
+    fn seen(cells: &Cells, counts: &[u32]) -> CellVisibility {
         let points = counts.iter().enumerate().flat_map(|(cell, count)| {
             let point = [10.0 * cell as f64 + 5.0, 3.0, 1.0];
             std::iter::repeat_n(point, *count as usize)
         });
-        CellsSeen::of_points(cells, points)
+        CellVisibility::of_points(cells, points)
     }
 
     #[test]
@@ -101,7 +101,7 @@ mod tests {
         let cells = row(30);
         let mut points = vec![[2.0, 0.0, 0.0], [25.0, 9.0, 0.0], [1.0, 0.0, 7.0]];
         points.push([f64::NAN, 0.0, 0.0]);
-        let seen = CellsSeen::of_points(&cells, points);
+        let seen = CellVisibility::of_points(&cells, points);
         assert_eq!([0, 1, 2, 3].map(|cell| seen.points_in(cell)), [2, 0, 1, 0]);
         assert_eq!(seen.points, 3);
     }
@@ -122,7 +122,7 @@ mod tests {
             seen(&cells, &[10, 50]),
         ];
         let found = |most, out: &[usize]| {
-            CellsSeen::from_outside(&views, 1, most, &config, |view| out.contains(&view))
+            CellVisibility::from_outside(&views, 1, most, &config, |view| out.contains(&view))
         };
         assert_eq!(found(9, &[]), [0, 2, 4, 5]);
         assert_eq!(found(3, &[]), [2, 4, 5]);
