@@ -15,7 +15,9 @@ use super::config::SectorConfig;
 /// let ahead = |p: &[f64; 3]| CellVisibility::of_points(&cells, [[p[0] + 3.0, p[1], p[2]]]);
 /// let seen: Vec<CellVisibility> = positions.iter().map(ahead).collect();
 /// let inside = |view: usize, cell: usize| cells.cell_of(positions[view]) == cell;
-/// let of = |cell, most| CellVisibility::from_outside(&seen, cell, most, &config, |v| inside(v, cell));
+/// let of = |cell, most| {
+///     CellVisibility::from_outside(&seen, cell, most, &config, |v| inside(v, cell))
+/// };
 /// assert_eq!(of(1, 5), [7, 8, 9]);
 /// assert_eq!(of(1, 2), [7, 8]);
 /// assert_eq!(of(0, 5), [0; 0]);
