@@ -18,7 +18,7 @@ use bytes::{Reader, Writer, damaged};
 use crate::SimulationError;
 use crate::episode::task::{Task, goals};
 use crate::world::World;
-use crate::world::environment::{Phase, Target};
+use crate::world::episode::{Phase, Target};
 use crate::world::report;
 use crate::world::rows::Rows;
 
@@ -95,7 +95,7 @@ impl World {
         let attachment = reader.bytes(length)?;
         reader.end()?;
         if self.shared.goals.is_empty() && self.shared.config.task.task == Task::PointGoal {
-            self.shared.goals = goals::draw_all(&self.shared)?;
+            self.shared.goals = goals::draw::draw_all(&self.shared)?;
         }
         let is_of_task = match (episode.phase, episode.target, self.shared.config.task.task) {
             (Phase::New, ..) => true,
@@ -120,7 +120,7 @@ impl World {
         *row.sector = sector;
         *row.state = state;
         *row.episode = episode;
-        *row.body_from_camera = episode.drawn.body_from_camera(&shared.mount);
+        *row.body_from_camera = episode.parameters.body_from_camera(&shared.mount);
         *row.queue = queue;
         row.clear_step();
         report::report(shared, &mut row);

@@ -9,6 +9,7 @@ pub(crate) mod block;
 pub(crate) mod columns;
 pub(crate) mod config;
 pub(crate) mod environment;
+pub(crate) mod episode;
 pub(crate) mod frames;
 pub(crate) mod observation;
 pub(crate) mod pursuit;
@@ -16,6 +17,7 @@ pub(crate) mod report;
 pub(crate) mod result;
 pub(crate) mod rows;
 pub(crate) mod shared;
+pub(crate) mod terrain;
 
 use std::sync::Arc;
 
@@ -31,7 +33,8 @@ use crate::agent::AgentState;
 use crate::camera::{FrameRequest, NoiseKey};
 use crate::episode::task::{Task, goals};
 use crate::scene::SceneData;
-use environment::{Episode, EpisodeStart, Phase};
+use environment::EpisodeStart;
+use episode::{Episode, Phase};
 use rows::{Environments, Rows};
 use shared::Shared;
 
@@ -111,7 +114,7 @@ impl World {
             }
         }
         if self.shared.goals.is_empty() && self.shared.config.task.task == Task::PointGoal {
-            self.shared.goals = goals::draw_all(&self.shared)?;
+            self.shared.goals = goals::draw::draw_all(&self.shared)?;
         }
         let is_reset = |index: usize| mask.is_none_or(|mask| mask[index]);
         let (shared, episodes) = (&self.shared, &self.environments.episode);

@@ -25,9 +25,9 @@ config! {
     }
 }
 
-/// What was drawn for an episode.
+/// Parameters of an episode that differ from the nominal ones.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Drawn {
+pub(crate) struct EpisodeParameters {
     pub(crate) speed_scale: f64,
     pub(crate) yaw_rate_scale: f64,
     /// Translation, m, and rotation vector, rad, of the camera in the frame of its nominal mount.
@@ -55,11 +55,11 @@ impl RandomizationConfig {
         Ok(())
     }
 
-    pub(crate) fn draw(&self, seed: u64, episode: u64) -> Drawn {
+    pub(crate) fn draw(&self, seed: u64, episode: u64) -> EpisodeParameters {
         let stream = |stream| RandomStream::new(seed, episode, stream);
         let (dynamics, mount) = (stream(Stream::Dynamics), stream(Stream::Mount));
         let limits = [self.mount_m, self.mount_rad];
-        Drawn {
+        EpisodeParameters {
             speed_scale: dynamics.range(0, self.speed_scale),
             yaw_rate_scale: dynamics.range(1, self.yaw_rate_scale),
             mount: std::array::from_fn(|k| {
@@ -70,9 +70,9 @@ impl RandomizationConfig {
     }
 }
 
-impl Drawn {
-    /// Before the first reset.
-    pub(crate) const NONE: Self = Self {
+impl EpisodeParameters {
+    /// Without randomization.
+    pub(crate) const NOMINAL: Self = Self {
         speed_scale: 1.0,
         yaw_rate_scale: 1.0,
         mount: [0.0; 6],

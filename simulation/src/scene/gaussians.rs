@@ -8,7 +8,7 @@ use scene_bundle::outputs;
 use scene_bundle::outputs::splats::{SplatBackground, SplatScene};
 use splats::{Background, Scene, Sky};
 
-use super::hash::floats;
+use super::hash::bytes::floats;
 use crate::error::SimulationError;
 
 /// Memory of Gaussians together with their [`splats::DetailScene`], in units of the Gaussians

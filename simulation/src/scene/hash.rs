@@ -1,5 +1,9 @@
 //! Hash of a scene in memory.
 
+pub(super) mod bytes;
+
+use bytes::{floats, numbers, text};
+
 use super::sector::Sector;
 
 /// Hash of what agents and images depend on: levels, Gaussians, reference poses, areas and edges.
@@ -46,23 +50,4 @@ pub(super) fn of_sectors(sectors: &[Sector]) -> [u8; 32] {
         }
     }
     *hasher.finalize().as_bytes()
-}
-
-fn text(hasher: &mut blake3::Hasher, text: &str) {
-    hasher.update(&(text.len() as u64).to_le_bytes());
-    hasher.update(text.as_bytes());
-}
-
-fn numbers(hasher: &mut blake3::Hasher, values: &[f64]) {
-    for value in values {
-        hasher.update(&value.to_le_bytes());
-    }
-}
-
-/// Hashes f32 numbers, in blocks rather than one by one.
-pub(super) fn floats(hasher: &mut blake3::Hasher, values: &[f32]) {
-    for block in values.chunks(4096) {
-        let bytes: Vec<u8> = block.iter().flat_map(|value| value.to_le_bytes()).collect();
-        hasher.update(&bytes);
-    }
 }

@@ -6,6 +6,7 @@
 //! makes others leave that are needed. Otherwise those used longest ago leave. What failed is an
 //! error of the call that needs the sector; the next such call tries again.
 
+mod content;
 mod shared;
 
 use std::collections::BTreeMap;
@@ -14,8 +15,8 @@ use std::sync::{Arc, Condvar, Mutex, PoisonError};
 use std::thread::JoinHandle;
 
 use estimator_config::config;
-use splats::{DetailScene, Scene};
 
+pub use self::content::SectorGaussians;
 use self::shared::{Loader, Shared, Slot, State, load};
 use super::SceneData;
 use crate::error::SimulationError;
@@ -30,17 +31,6 @@ config! {
         /// waits at the border, more loads what is not used.
         pub prefetch_m: f64 = 8.0,
     }
-}
-
-/// Gaussians of a sector, ready to render.
-#[derive(Debug)]
-pub struct SectorGaussians {
-    /// As they were trained.
-    pub exact: Arc<Scene>,
-    /// With levels of detail, for small images.
-    pub detail: DetailScene,
-    /// Whether opacities are compensated for the dilation in the image.
-    pub is_compensated: bool,
 }
 
 /// Gaussians of a scene's sectors, those in memory.

@@ -4,8 +4,8 @@ use super::bytes::{Reader, Writer, damaged};
 use crate::SimulationError;
 use crate::agent::AgentState;
 use crate::episode::end::EndReason;
-use crate::episode::randomization::Drawn;
-use crate::world::environment::{Episode, Phase, Target};
+use crate::episode::randomization::EpisodeParameters;
+use crate::world::episode::{Episode, Phase, Target};
 
 pub(super) fn write_state(writer: &mut Writer, state: &AgentState) {
     let AgentState {
@@ -54,7 +54,7 @@ pub(super) fn write_episode(writer: &mut Writer, episode: &Episode) {
         phase,
         end,
         is_faulty,
-        drawn,
+        parameters,
         target,
         first_m,
         remaining_m,
@@ -68,10 +68,10 @@ pub(super) fn write_episode(writer: &mut Writer, episode: &Episode) {
     writer.u8(phase as u8);
     writer.u8(end as u8);
     writer.u8(u8::from(is_faulty));
-    for value in [drawn.speed_scale, drawn.yaw_rate_scale] {
+    for value in [parameters.speed_scale, parameters.yaw_rate_scale] {
         writer.f64(value);
     }
-    for value in drawn.mount {
+    for value in parameters.mount {
         writer.f64(value);
     }
     match target {
@@ -141,7 +141,7 @@ pub(super) fn read_episode(reader: &mut Reader<'_>) -> Result<Episode, Simulatio
         phase,
         end,
         is_faulty,
-        drawn: Drawn {
+        parameters: EpisodeParameters {
             speed_scale,
             yaw_rate_scale,
             mount,

@@ -8,7 +8,7 @@ use super::bytes::{Reader, Writer, damaged};
 use super::fields;
 use crate::SimulationError;
 use crate::camera::{CameraView, Capture, FrameQueue};
-use crate::world::environment::Episode;
+use crate::world::episode::Episode;
 use crate::world::frames;
 use crate::world::shared::Shared;
 

@@ -1,6 +1,7 @@
 //! One environment: its episode, a step, a reset.
 
 use super::block::{OUTSIDE_MAP, UNKNOWN, block_code, is_collision};
+use super::episode::{Episode, Phase, Target};
 use super::frames;
 use super::pursuit::pursue;
 use super::report::{report, report_camera, report_numbers};
@@ -9,74 +10,9 @@ use super::shared::Shared;
 use crate::SimulationError;
 use crate::agent::{self, AgentState, Drive};
 use crate::episode::end::EndReason;
-use crate::episode::randomization::Drawn;
 use crate::episode::start::{self, Condition, Exclusions};
 use crate::episode::task::{Task, goals};
 use crate::randomness::{RandomStream, Stream};
-
-/// What an environment remembers of its episode besides the agent's state.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Episode {
-    pub(crate) seed: u64,
-    /// Episodes since the seed was given.
-    pub(crate) number: u64,
-    pub(crate) steps: u64,
-    pub(crate) phase: Phase,
-    pub(crate) end: EndReason,
-    /// A pose that is not finite came from outside.
-    pub(crate) is_faulty: bool,
-    pub(crate) drawn: Drawn,
-    pub(crate) target: Target,
-    /// Distance to the goal or the end of the path at the start, m.
-    pub(crate) first_m: f64,
-    /// The same now.
-    pub(crate) remaining_m: f64,
-    pub(crate) path_length_m: f64,
-    pub(crate) collisions: u32,
-    pub(crate) clipped: u32,
-}
-
-/// Where an environment is in its life.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[repr(u8)]
-pub(crate) enum Phase {
-    /// Before the first reset.
-    New = 0,
-    Running = 1,
-    /// Until the next reset.
-    Ended = 2,
-}
-
-/// What the agent is to do.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) enum Target {
-    /// Reach the goal of this index, at a position in the frame of the agent's sector.
-    Goal { index: u32, position_m: [f64; 3] },
-    /// Follow the path, of which it has walked so much.
-    Path { along_m: f64 },
-    /// Hold the command of the time.
-    Command,
-}
-
-impl Episode {
-    pub(crate) fn new(seed: u64) -> Self {
-        Self {
-            seed,
-            number: 0,
-            steps: 0,
-            phase: Phase::New,
-            end: EndReason::None,
-            is_faulty: false,
-            drawn: Drawn::NONE,
-            target: Target::Command,
-            first_m: 0.0,
-            remaining_m: 0.0,
-            path_length_m: 0.0,
-            collisions: 0,
-            clipped: 0,
-        }
-    }
-}
 
 /// The first state of an episode.
 #[derive(Clone, Copy, Debug)]
@@ -96,7 +32,7 @@ pub(crate) fn begin(
     number: u64,
 ) -> Result<EpisodeStart, SimulationError> {
     let config = &shared.config;
-    let drawn = config.randomization.draw(seed, number);
+    let parameters = config.randomization.draw(seed, number);
     let mut exclusions = Exclusions::default();
     let is_empty = match config.start.mode {
         start::StartMode::FreeSpace => shared.candidates.cells.is_empty(),
@@ -119,7 +55,7 @@ pub(crate) fn begin(
                     episode: Episode {
                         number,
                         phase: Phase::Running,
-                        drawn,
+                        parameters,
                         target,
                         first_m: remaining_m,
                         remaining_m,
@@ -166,7 +102,7 @@ pub(crate) fn reset(shared: &Shared, row: &mut Row<'_>, begin: &EpisodeStart) {
     *row.sector = begin.sector;
     *row.state = begin.state;
     *row.episode = begin.episode;
-    *row.body_from_camera = begin.episode.drawn.body_from_camera(&shared.mount);
+    *row.body_from_camera = begin.episode.parameters.body_from_camera(&shared.mount);
     frames::begin(shared, row);
     row.clear_step();
     report(shared, row);
@@ -217,8 +153,8 @@ pub(crate) fn step(shared: &Shared, row: &mut Row<'_>, action: &[f64]) {
         row.episode.clipped += u32::from(*value != *component);
     }
     let mut agent = config.agent;
-    agent.max_speed_m_s *= row.episode.drawn.speed_scale;
-    agent.max_yaw_rate_rad_s *= row.episode.drawn.yaw_rate_scale;
+    agent.max_speed_m_s *= row.episode.parameters.speed_scale;
+    agent.max_yaw_rate_rad_s *= row.episode.parameters.yaw_rate_scale;
     let ground = &shared.terrains[*row.sector as usize].ground;
     let motion = agent::advance(
         ground,

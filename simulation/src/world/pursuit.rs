@@ -1,6 +1,6 @@
 //! Progress of an agent towards its target, as terms of the reward.
 
-use super::environment::Target;
+use super::episode::Target;
 use super::rows::Row;
 use super::shared::Shared;
 use crate::episode::path::horizontal_m;

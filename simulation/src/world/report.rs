@@ -1,6 +1,6 @@
 //! What is reported of an environment after a step or reset.
 
-use super::environment::Target;
+use super::episode::Target;
 use super::frames;
 use super::observation::polar;
 use super::rows::Row;

@@ -3,7 +3,7 @@
 use cad_transforms::RigidTransform;
 
 use super::columns::columns;
-use super::environment::{Episode, Phase};
+use super::episode::{Episode, Phase};
 use super::result::{ResultRows, StepResult};
 use crate::agent::AgentState;
 use crate::camera::FrameQueue;

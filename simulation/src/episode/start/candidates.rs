@@ -4,7 +4,7 @@ use cad_transforms::RigidTransform;
 
 use crate::ground::Cover;
 use crate::scene::Area;
-use crate::world::shared::Terrain;
+use crate::world::terrain::Terrain;
 
 /// A cell of ground on which an agent can stand.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -6,7 +6,7 @@ use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 
 use splats::{DetailConfig, DetailScene};
 
-use super::SectorGaussians;
+use super::content::SectorGaussians;
 use crate::error::SimulationError;
 use crate::scene::SceneData;
 

@@ -7,6 +7,7 @@ use super::*;
 use crate::episode::task::goals::Goal;
 use crate::geodesic::DistanceField;
 use crate::scene::{Area, Recording, Sector};
+use crate::world::episode::Target;
 
 const BLOCKS: [EndReason; 3] = [
     EndReason::Collision,
@@ -118,7 +119,7 @@ fn provoke(scene: &Arc<SceneData>, reasons: &[EndReason], ends: EndConfig) -> Wo
         position_m: goal_m,
         field: DistanceField::new(&terrain.ground, &world.shared.config.agent, goal_m),
     }];
-    world.environments.episode[0].target = environment::Target::Goal {
+    world.environments.episode[0].target = Target::Goal {
         index: 0,
         position_m: goal_m,
     };

@@ -3,6 +3,7 @@
 use super::*;
 use crate::camera::TimingConfig;
 use crate::episode::RandomizationConfig;
+use crate::world::episode::Target;
 
 /// What an episode draws, each as bits: start, goal, speeds, mount, times of frames, latencies.
 fn draws(randomization: RandomizationConfig, change: fn(&mut WorldConfig)) -> [Vec<u64>; 6] {
@@ -17,15 +18,15 @@ fn draws(randomization: RandomizationConfig, change: fn(&mut WorldConfig)) -> [V
         for i in 0..50 {
             let state = &world.states()[i];
             let episode = &world.environments.episode[i];
-            let drawn = &episode.drawn;
+            let parameters = &episode.parameters;
             draws[0].extend(state.position_m.map(f64::to_bits));
             draws[0].push(state.yaw_rad.to_bits());
-            let environment::Target::Goal { index, .. } = episode.target else {
+            let Target::Goal { index, .. } = episode.target else {
                 panic!("{:?}", episode.target);
             };
             draws[1].push(u64::from(index));
-            draws[2].extend([drawn.speed_scale, drawn.yaw_rate_scale].map(f64::to_bits));
-            draws[3].extend(drawn.mount.map(f64::to_bits));
+            draws[2].extend([parameters.speed_scale, parameters.yaw_rate_scale].map(f64::to_bits));
+            draws[3].extend(parameters.mount.map(f64::to_bits));
             let schedule = world.environments.queue[i].as_ref().unwrap().schedule;
             draws[4].extend([schedule.phase_ns, schedule.interval_ns].map(|ns| ns as u64));
             draws[5].extend((0..5).map(|k| schedule.latency_ns(k, 0) as u64));
