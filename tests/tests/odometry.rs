@@ -10,7 +10,7 @@ use cad_transforms::RigidTransform;
 use camera_models::{CameraModel, Lens};
 use harness::data;
 use harness::sequences::{self, OwnedFrameSet, Sequence, WalkSettings, walk};
-use harness::tracking::{self, Refined, Tracking, drive, still, track};
+use harness::tracking::{self, RefinedWalk, Tracking, drive, still, track};
 use nalgebra::Vector3;
 use odometry::keyframe::StereoObservation;
 use odometry::mapping::RefinedExtrinsics;
@@ -340,7 +340,7 @@ fn baselines_3_percent_wrong(camera: &mut StereoCamera) {
 }
 
 /// No pose is silently wrong; the root mean square error is less than a share of the path.
-fn check_causal_and_refined_poses(sequence: &Sequence, max_percent: f64) -> Refined {
+fn check_causal_and_refined_poses(sequence: &Sequence, max_percent: f64) -> RefinedWalk {
     let truth = tracking::truth(sequence).expect("rising times");
     let tracking = track(sequence, balanced(), true).expect("poses");
     let causal = evaluated(tracking.causal(), &truth);

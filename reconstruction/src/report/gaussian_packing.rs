@@ -18,7 +18,7 @@ pub(super) const HARMONICS_BYTES: usize = 8;
 
 /// Gaussians in bytes.
 #[derive(Debug, PartialEq)]
-pub(super) struct Packed {
+pub(super) struct GaussianBytes {
     pub(super) count: usize,
     /// Degree of the harmonics, 0 or 1.
     pub(super) degree: usize,
@@ -30,7 +30,7 @@ pub(super) struct Packed {
 }
 
 /// Packs at most `most` Gaussians.
-pub(super) fn pack(splats: &Splats, most: usize) -> Packed {
+pub(super) fn pack(splats: &Splats, most: usize) -> GaussianBytes {
     let all: Vec<Splat> = important(splats, most)
         .into_iter()
         .map(|index| splats.get(index))
@@ -73,7 +73,7 @@ pub(super) fn pack(splats: &Splats, most: usize) -> Packed {
             }
         }
     }
-    Packed {
+    GaussianBytes {
         count: all.len(),
         degree,
         scales,
@@ -145,7 +145,7 @@ mod tests {
 
     /// As the page reads it: largest deviations of logarithm of scale, rotation, color, opacity and
     /// harmonics.
-    fn deviations(packed: &Packed, index: usize, splat: &Splat) -> [f32; 5] {
+    fn deviations(packed: &GaussianBytes, index: usize, splat: &Splat) -> [f32; 5] {
         let row = &packed.shapes[SHAPE_BYTES * index..][..SHAPE_BYTES];
         for k in 0..3 {
             assert_eq!(f32::from_bits(word(row, 4 * k)), splat.position_m[k]);

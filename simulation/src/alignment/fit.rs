@@ -9,7 +9,7 @@ use crate::scene::Similarity;
 
 /// A fit with its inliers.
 #[derive(Clone, Debug)]
-pub(super) struct Found {
+pub(super) struct Fit {
     pub(super) transform: Similarity,
     pub(super) inliers: Vec<bool>,
 }
@@ -68,7 +68,7 @@ struct Normal {
 }
 
 impl Normal {
-    fn new(pairs: &Pairs, found: &Found, model: AlignmentModel, with_clock: bool) -> Self {
+    fn new(pairs: &Pairs, found: &Fit, model: AlignmentModel, with_clock: bool) -> Self {
         let inliers = || {
             let all = pairs.all.iter().zip(&found.inliers);
             all.filter(|(_, is_inlier)| **is_inlier)
@@ -131,7 +131,7 @@ impl Normal {
 /// The step of the clock offset in joint least squares, s.
 pub(super) fn clock_step_s(
     pairs: &Pairs,
-    found: &Found,
+    found: &Fit,
     model: AlignmentModel,
 ) -> Result<f64, SimulationError> {
     let normal = Normal::new(pairs, found, model, true);
@@ -142,7 +142,7 @@ pub(super) fn clock_step_s(
 /// A fit with its residual and covariance.
 pub(super) fn result(
     pairs: &Pairs,
-    found: &Found,
+    found: &Fit,
     model: AlignmentModel,
     with_clock: bool,
     offset_s: f64,

@@ -4,7 +4,7 @@
 use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 
 use super::association::{Pair, Pairs};
-use super::fit::{Found, closed_form, residual};
+use super::fit::{Fit, closed_form, residual};
 use super::{AlignmentConfig, AlignmentModel, mean, refuse};
 use crate::error::SimulationError;
 use crate::scene::Similarity;
@@ -35,7 +35,7 @@ impl<'a> Robust<'a> {
     }
 
     /// The fit of all inliers.
-    pub(super) fn fit(&self, pairs: &Pairs) -> Result<Found, SimulationError> {
+    pub(super) fn fit(&self, pairs: &Pairs) -> Result<Fit, SimulationError> {
         let (median, mut transform) = self.best_of_triples(pairs)?;
         let mut sigma_m = median / MEDIAN_OF_CHI_3;
         let mut inliers: Vec<bool> = Vec::new();
@@ -65,11 +65,11 @@ impl<'a> Robust<'a> {
                 format!("at least {least} and a share of {share}"),
             ));
         }
-        Ok(Found { transform, inliers })
+        Ok(Fit { transform, inliers })
     }
 
     /// Refuses what does not determine a rotation.
-    pub(super) fn check(&self, pairs: &Pairs, found: &Found) -> Result<(), SimulationError> {
+    pub(super) fn check(&self, pairs: &Pairs, found: &Fit) -> Result<(), SimulationError> {
         let rms = |transform: &Similarity, inliers: &[bool]| {
             let all = pairs
                 .all
@@ -107,7 +107,7 @@ impl<'a> Robust<'a> {
     pub(super) fn check_rotations(
         &self,
         pairs: &Pairs,
-        found: &Found,
+        found: &Fit,
     ) -> Result<(), SimulationError> {
         // The rotation between both bodies is constant.
         let align = found.transform.rotation();
@@ -191,7 +191,7 @@ impl<'a> Robust<'a> {
     }
 
     /// Standard deviations of inliers in the reference along their first and second axis, m.
-    fn spread(&self, pairs: &Pairs, found: &Found) -> [f64; 2] {
+    fn spread(&self, pairs: &Pairs, found: &Fit) -> [f64; 2] {
         let inliers = || {
             let all = pairs.all.iter().zip(&found.inliers);
             all.filter(|(_, is_inlier)| **is_inlier)

@@ -122,7 +122,7 @@ fn errors_are_within_one_and_a_half_of_the_bound() {
             // The bound: the covariance of exact residuals with the true noise.
             let inliers: Vec<bool> = outliers.iter().map(|is_outlier| !is_outlier).collect();
             let pairs = associate(&estimate, &reference, case.clock_s, config.max_gap_s);
-            let exact = fit::Found {
+            let exact = fit::Fit {
                 transform: case.truth,
                 inliers: inliers[..pairs.all.len()].to_vec(),
             };

@@ -334,7 +334,7 @@ fn evaluate(
     inputs: &Inputs,
     ground: &TerrainMesh,
     length_s: f64,
-) -> Result<([FootScores; 2], stages::Found)> {
+) -> Result<([FootScores; 2], stages::StageOutputs)> {
     let found = stages::run(inputs, ground)?;
     let truth = Truth {
         simulation,

@@ -15,7 +15,7 @@ use rayon::prelude::*;
 use serde_json::json;
 
 use self::conditions::{Condition, Resolution, USUAL, sweeps};
-use self::measured::{Measured, Point, Step};
+use self::measured::{Measurements, Point, Step};
 use self::render::Renderer;
 use self::scene::{Camera, Scene};
 use self::scores::{Score, score};
@@ -57,7 +57,7 @@ pub(crate) fn run(args: &[String]) -> Result<()> {
         Resolution::Vga => &vga,
         Resolution::Hd => &hd,
     };
-    let mut measured = Measured::default();
+    let mut measured = Measurements::default();
     let mut conditions: Vec<Condition> = Vec::new();
     for sweep in sweeps(quick) {
         for (value, condition) in sweep.points {

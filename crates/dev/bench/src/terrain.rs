@@ -36,7 +36,7 @@ pub(crate) mod walks;
 use keyframes::{DepthFrame, Source, depth_frames};
 use scores::Quantiles;
 use truth::Truth;
-use walks::{Prepared, WALKS, Walk};
+use walks::{WALKS, Walk, WalkInputs};
 
 use crate::{arguments, python, report, stamp};
 
@@ -104,7 +104,7 @@ fn with_walk<T>(
     sources: &[Source],
     mut of: impl FnMut(&Truth<'_>, Source, Vec<DepthFrame>) -> Result<T>,
 ) -> Result<Vec<T>> {
-    let prepared: Prepared = walk.prepare()?;
+    let prepared: WalkInputs = walk.prepare()?;
     let ids = prepared.keyframes()?;
     let rendered = keyframes::keyframes(&prepared, &ids)?;
     let truth = Truth::new(&prepared);

@@ -132,7 +132,7 @@ fn write(out: &Path, costs: &[Cost], window_s: u32, stamp: &Value) -> Result<()>
 }
 
 /// A charted quantity.
-struct Drawn {
+struct ChartSpec {
     /// Key in the report.
     key: &'static str,
     title: &'static str,
@@ -140,7 +140,7 @@ struct Drawn {
     unit: &'static str,
 }
 
-const WAKES: Drawn = Drawn {
+const WAKES: ChartSpec = ChartSpec {
     key: "wakes_per_s",
     title: "Wake-ups of the daemon's threads",
     quantity: "wake-ups",
@@ -148,7 +148,7 @@ const WAKES: Drawn = Drawn {
 };
 
 /// System calls are slow in a guest, so these are bounds.
-const CPU: Drawn = Drawn {
+const CPU: ChartSpec = ChartSpec {
     key: "cpu_percent",
     title: "Processor time of the daemon's threads, in a guest",
     quantity: "of one processor",
@@ -156,19 +156,19 @@ const CPU: Drawn = Drawn {
 };
 
 /// Value of each kind of thread while recording; if nothing is recorded, while waiting.
-fn chart(report: &Value, drawn: &Drawn) -> String {
+fn chart(report: &Value, spec: &ChartSpec) -> String {
     let rigs = || {
         let rigs = report["rigs"].as_array().into_iter().flatten();
         let rigs = rigs.filter(|rig| rig["size"][0].as_u64().is_some_and(|width| width < 1000));
         rigs.filter(|rig| rig["operator"] == false).take(DRAWN_RIGS)
     };
     let names = rigs().map(|rig| rig["name"].as_str().unwrap_or_default());
-    let mut chart = Chart::new(drawn.title)
+    let mut chart = Chart::new(spec.title)
         .subtitle(
             "while it records: 30 frames per second and camera, 800 samples per second of the IMU",
         )
         .x_axis(Axis::categories("", names))
-        .y_axis(Axis::linear(drawn.quantity, drawn.unit).include(0.0))
+        .y_axis(Axis::linear(spec.quantity, spec.unit).include(0.0))
         .footnote(&stamp::line(&report["stamp"]));
     let parts: [(&str, &[&str]); 5] = [
         ("cameras, IMU", &["source", "imu"]),
@@ -188,7 +188,7 @@ fn chart(report: &Value, drawn: &Drawn) -> String {
             } else {
                 recording
             };
-            let of = |kind: &&str| window["threads"][kind][drawn.key].as_f64().unwrap_or(0.0);
+            let of = |kind: &&str| window["threads"][kind][spec.key].as_f64().unwrap_or(0.0);
             kinds.iter().map(of).sum()
         });
         chart = chart.series(Series::bars(name, values));

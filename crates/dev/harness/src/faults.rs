@@ -210,7 +210,7 @@ impl Exam {
                 (Stream::Imu, format!("{name}/imu")),
             ] {
                 let truth = Truth::of(stream, &arrived, twin.losses(), begin, self.seconds);
-                let found = Found::of(&contents, &name);
+                let found = StreamContent::of(&contents, &name);
                 truth
                     .compare(&found, &mut tally)
                     .with_context(|| format!("stream {name}"))?;
@@ -266,14 +266,14 @@ struct Truth {
 }
 
 /// Content of a session for one stream.
-struct Found {
-    stored: Vec<Stored>,
+struct StreamContent {
+    stored: Vec<StoredItem>,
     /// First, last, cause.
     gaps: Vec<(u64, u64, i32)>,
 }
 
 /// A frame or sample in a session.
-struct Stored {
+struct StoredItem {
     number: u64,
     arrival: HostTime,
     time: HostTime,
@@ -334,7 +334,7 @@ impl Truth {
         }
     }
 
-    fn compare(&self, found: &Found, tally: &mut Tally) -> Result<()> {
+    fn compare(&self, found: &StreamContent, tally: &mut Tally) -> Result<()> {
         let (arrived, stored) = (&self.arrived, &found.stored);
         let (came, kept) = (arrived.len(), stored.len());
         ensure!(came == kept, "{came} arrived and {kept} are stored");
@@ -400,10 +400,10 @@ impl Truth {
     }
 }
 
-impl Found {
+impl StreamContent {
     fn of(contents: &Contents, stream: &str) -> Self {
         let frames = contents.frames.get(stream).into_iter().flatten();
-        let frames = frames.map(|f| Stored {
+        let frames = frames.map(|f| StoredItem {
             number: f.record.number,
             arrival: HostTime(f.record.host_time),
             time: HostTime(f.record.time),
@@ -412,7 +412,7 @@ impl Found {
             frozen: f.record.frozen,
         });
         let samples = contents.imu.get(stream).into_iter().flatten();
-        let samples = samples.map(|s| Stored {
+        let samples = samples.map(|s| StoredItem {
             number: s.number,
             arrival: s.host_time,
             time: s.time,
@@ -420,7 +420,7 @@ impl Found {
             unreliable: s.time_unreliable,
             frozen: false,
         });
-        let mut stored: Vec<Stored> = frames.chain(samples).collect();
+        let mut stored: Vec<StoredItem> = frames.chain(samples).collect();
         // Readers have to apply the unreliable spans of later clock maps.
         let clock = contents.clock_maps.get(stream);
         let unreliable_spans = clock

@@ -34,7 +34,7 @@ pub struct Tracking {
 
 /// A whole session after bundle adjustment.
 #[derive(Clone, Debug)]
-pub struct Refined {
+pub struct RefinedWalk {
     /// One pose per causal pose. Its covariance is that of the causal pose where tracking was lost
     /// and the pose graph is not connected ([`Connectivity`]). The status is that of the causal
     /// pose, or relocalised.
@@ -123,13 +123,13 @@ impl Tracking {
     ///
     /// # Errors
     /// A pose cannot be stored in a trajectory.
-    pub fn refine(mut self) -> Result<Option<Refined>> {
+    pub fn refine(mut self) -> Result<Option<RefinedWalk>> {
         self.take_keyframes(true);
         let Some(mapping) = &self.mapping else {
             return Ok(None);
         };
         let adjusted = mapping.optimize(|_| {});
-        Ok(Some(Refined {
+        Ok(Some(RefinedWalk {
             trajectory: refined_trajectory(&self.causal, &self.odom, &adjusted)?,
             keyframes: adjusted.poses.len(),
             loop_closures: adjusted.loop_closures.len(),
@@ -141,7 +141,7 @@ impl Tracking {
     }
 }
 
-/// One pose per causal pose, interpolated between refined keyframes; see [`Refined::trajectory`].
+/// One pose per causal pose, interpolated between refined keyframes; see [`RefinedWalk::trajectory`].
 /// `odom` are the poses of the same frame sets in the odom frame.
 ///
 /// # Errors
@@ -149,7 +149,7 @@ impl Tracking {
 pub fn refined_trajectory(
     causal: &Trajectory,
     odom: &[OdomPose],
-    adjusted: &odometry::Refined,
+    adjusted: &odometry::MappingResult,
 ) -> Result<Trajectory> {
     let interpolated = interpolate_poses(odom, &adjusted.poses);
     let lost: Vec<(i64, bool)> = (causal.poses().iter())

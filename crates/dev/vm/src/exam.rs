@@ -33,7 +33,7 @@ pub struct Promise {
 
 /// What was found.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Found {
+pub struct ExamResult {
     /// Whether there is a session.
     pub session: bool,
     /// Messages, without those that say who a segment is.
@@ -188,13 +188,13 @@ pub fn examine(
     reference: Option<&Contents>,
     promise: Promise,
     scratch: &Path,
-) -> Result<Found> {
+) -> Result<ExamResult> {
     let Some(session) = only_session(archive)? else {
         ensure!(!promise.started, "the session is missing");
-        return Ok(Found::default());
+        return Ok(ExamResult::default());
     };
     let reader = match open(&session) {
-        Err(_) if !promise.started => return Ok(Found::default()),
+        Err(_) if !promise.started => return Ok(ExamResult::default()),
         opened => opened?,
     };
     let contents = Contents::of(&reader)?;
@@ -218,7 +218,7 @@ pub fn examine(
     );
     let newest = contents.samples.iter();
     let damage = report.damage.iter();
-    Ok(Found {
+    Ok(ExamResult {
         session: true,
         messages: count,
         newest: newest

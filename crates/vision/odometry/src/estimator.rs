@@ -35,7 +35,7 @@ use crate::backend::state::{ROTATION, State};
 use crate::backend::stereo;
 use crate::backend::window::{Frame, MotionFactor, Window};
 use crate::frontend::stale_image::StaleImageDetector;
-use crate::frontend::tracker::{Expected, Track, Tracker, transfer_pixel};
+use crate::frontend::tracker::{PredictedPixel, Track, Tracker, transfer_pixel};
 
 mod camera_agreement;
 pub(crate) mod camera_shift;
@@ -460,11 +460,11 @@ impl Odometry {
                 let rho = track.rho.unwrap_or(0.0);
                 let expected = transfer_pixel(camera, &now_from_then, &track.left.ray, rho);
                 expected.map_or(
-                    Expected {
+                    PredictedPixel {
                         at: track.at,
                         rho: track.rho,
                     },
-                    |e| Expected {
+                    |e| PredictedPixel {
                         rho: track.rho.and(e.rho),
                         ..e
                     },

@@ -119,5 +119,5 @@ pub use estimator::{Estimate, Odometry, Status, camera_shift::CameraShift};
 pub use inertial::imu_set::ImuUse;
 pub use input::{FrameSet, View};
 pub use keyframe::Keyframe;
-pub use mapping::{Mapping, Refined};
+pub use mapping::{Mapping, MappingResult};
 pub use rig::Rig;

@@ -68,7 +68,7 @@ pub struct LoopClosure {
 
 /// Result of mapping.
 #[derive(Clone, Debug)]
-pub struct Refined {
+pub struct MappingResult {
     /// Poses, one per keyframe.
     pub poses: Vec<RefinedPose>,
     /// Loop closures that were used.
@@ -233,9 +233,9 @@ impl Mapping {
     }
 
     /// Solves loop closure and bundle adjustment. `progress` is called with the current step.
-    pub fn optimize(&self, mut progress: impl FnMut(Progress)) -> Refined {
+    pub fn optimize(&self, mut progress: impl FnMut(Progress)) -> MappingResult {
         let Some(first) = self.keyframes.first() else {
-            return Refined {
+            return MappingResult {
                 poses: Vec::new(),
                 loop_closures: Vec::new(),
                 iterations: 0,
@@ -269,7 +269,7 @@ impl Mapping {
         let last = bundle_adjustment::optimize(config, &mut window, &found, cleaned, &mut progress);
         let covariances = bundle_adjustment::covariances(config.max_covariances, &window, &found);
         let poses = window.frames.iter().zip(&covariances.poses);
-        Refined {
+        MappingResult {
             poses: poses
                 .map(|(frame, covariance)| {
                     let world_from_rig = frame.state.world_from_rig(&self.body_from_rig);

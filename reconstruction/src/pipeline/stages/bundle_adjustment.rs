@@ -11,7 +11,7 @@
 use ::odometry::mapping::{
     Connectivity, OdomPose, Progress, RefinedExtrinsics, RefinedStereo, interpolate_poses,
 };
-use ::odometry::{ImuSample, Mapping, Refined};
+use ::odometry::{ImuSample, Mapping, MappingResult};
 use cad_transforms::{Covariance, RigidTransform};
 use nalgebra::SMatrix;
 use scene_bundle::outputs::rig::{RigCamera, RigImu, RigModel};
@@ -212,7 +212,7 @@ fn stereo_error(camera: &RigCamera, stereo: &RefinedStereo) -> String {
 
 /// Every pose of the causal trajectory, as refined by the bundle adjustment. `odom` are the poses
 /// of the same frame sets in the odom frame.
-fn refined_poses(causal: &Trajectory, odom: &Trajectory, adjusted: &Refined) -> Vec<Pose> {
+fn refined_poses(causal: &Trajectory, odom: &Trajectory, adjusted: &MappingResult) -> Vec<Pose> {
     let odom: Vec<OdomPose> = odom.poses().iter().map(odom_pose).collect();
     let lost: Vec<(i64, bool)> = (causal.poses().iter())
         .map(|p| (p.time_ns, p.status == Status::Lost))

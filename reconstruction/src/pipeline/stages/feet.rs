@@ -29,7 +29,7 @@ use scene_bundle::{Pose, Status, Trajectory};
 use serde_json::{Value, json};
 
 use self::contact_views::{ContactViewConfig, Keyframes, contact_views};
-use self::gait::{Gait, Observed, candidates};
+use self::gait::{FootTracks, Gait, candidates};
 use self::ground_below::GroundBelowConfig;
 use self::inputs_check::{on_one_clock, report_drift, without_jumps};
 use self::placement::correct_placement;
@@ -131,7 +131,7 @@ pub fn feet(
     let soles = Foot::ALL.map(|foot| edges(&rig, foot));
     let (detections, observed) = on_one_clock(work, &rig, trajectory, detections);
     let continuous = without_jumps(work, trajectory, &observed);
-    let of_rig = |rig: &RigModel| Observed::new(rig, &continuous.trajectory, &detections);
+    let of_rig = |rig: &RigModel| FootTracks::new(rig, &continuous.trajectory, &detections);
     let observed = match continuous.has_jumps() {
         true => of_rig(&rig),
         false => observed,

@@ -29,11 +29,11 @@ use self::checkpoint::CheckpointFiles;
 use self::evaluation::{HeldOutResult, Whole};
 use self::fit::On;
 use self::images::HeldOutImages;
-use self::kept::kept;
 use self::keyframes::CameraKeyframes;
+use self::output_sectors::output_sectors;
 use self::product::Names;
+use self::sector_result::SectorResult;
 use self::sectors::Sectors;
-use self::trained::TrainedSector;
 use self::views::Inputs;
 use self::walk::Walk;
 use super::device::Device;
@@ -47,17 +47,17 @@ mod config;
 mod evaluation;
 mod fit;
 mod images;
-mod kept;
 mod keyframes;
 mod masks;
 mod memory;
+mod output_sectors;
 mod plan;
 mod product;
 mod recorded_depth;
+mod sector_result;
 mod sectors;
 #[cfg(test)]
 mod tests;
-mod trained;
 mod views;
 mod walk;
 
@@ -151,7 +151,7 @@ impl Stage<Input> for SplatsStage {
             &mut |sector, now| walk.progress(sector, now),
         )?;
         note_images(work, &trained);
-        let kept = kept(walk.cells(), &trained);
+        let kept = output_sectors(walk.cells(), &trained);
         if kept.is_empty() {
             return Ok(product::write_empty(work.draft(SPLATS), names, &config)?);
         }
@@ -202,7 +202,7 @@ fn exposure_model(cameras: &[CameraKeyframes<'_>]) -> &'static str {
 }
 
 /// Notes and losses of the images, as if they had been read together.
-fn note_images(work: &Work<'_, Input>, sectors: &[TrainedSector]) {
+fn note_images(work: &Work<'_, Input>, sectors: &[SectorResult]) {
     let found = || sectors.iter().map(|of| &of.found);
     let mut gray: Vec<&String> = Vec::new();
     for name in found().flat_map(|of| &of.gray) {

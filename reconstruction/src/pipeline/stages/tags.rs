@@ -74,7 +74,7 @@ impl Stage<Input> for TagsStage {
                 "no camera of the rig can see the wearer's shoes: there are no poses of feet",
             ),
             (false, false) => {
-                let tracked = Tracked {
+                let tracked = TrackerInputs {
                     rig: &rig,
                     trajectory: &trajectory,
                     ids: &ids,
@@ -88,14 +88,14 @@ impl Stage<Input> for TagsStage {
 }
 
 /// What is tracked.
-struct Tracked<'a> {
+struct TrackerInputs<'a> {
     rig: &'a RigModel,
     trajectory: &'a Trajectory,
     /// Numbers of the tags of each shoe, and its foot.
     ids: &'a [(Foot, Vec<u64>)],
 }
 
-impl Tracked<'_> {
+impl TrackerInputs<'_> {
     fn run(
         &self,
         work: &Work<'_, Input>,

@@ -9,7 +9,7 @@ use serde_json::json;
 use crate::python;
 
 /// What it found.
-pub(super) struct Found {
+pub(super) struct OpenCvCalibration {
     pub(super) left: CameraModel,
     pub(super) left_from_right: RigidTransform,
     /// Processor time of the calibration alone, s.
@@ -17,7 +17,7 @@ pub(super) struct Found {
 }
 
 /// Calibrates the first two eyes of an input, starting from their factory values.
-pub(super) fn calibrate(input: &Input) -> Result<Found> {
+pub(super) fn calibrate(input: &Input) -> Result<OpenCvCalibration> {
     let known = input.targets[0].corners();
     let mut views = Vec::new();
     for left in input.detections.iter().filter(|s| s.eye == 0) {
@@ -63,7 +63,7 @@ pub(super) fn calibrate(input: &Input) -> Result<Found> {
         .ok()
         .context("three numbers")?;
     let (width, height) = input.eyes[0].size;
-    Ok(Found {
+    Ok(OpenCvCalibration {
         left: CameraModel {
             width,
             height,

@@ -10,7 +10,7 @@ use super::changes;
 use super::coverage::Coverage;
 use super::frames::Frame;
 use super::imperfect;
-use super::test_set::{self, Found, Place};
+use super::test_set::{self, Place, PlaceFrame};
 
 /// Sampling stride, pixels.
 const SAMPLE_STRIDE: usize = 8;
@@ -131,7 +131,7 @@ pub(super) fn json(groups: Vec<Group>) -> Value {
 ///
 /// # Errors
 /// A frame that cannot be matched.
-pub(super) fn check(places: &[Place], frames: &[Found]) -> Result<Vec<Group>> {
+pub(super) fn check(places: &[Place], frames: &[PlaceFrame]) -> Result<Vec<Group>> {
     let mut groups = Vec::new();
     for preset in Preset::ALL {
         for (k, place) in places.iter().enumerate() {
@@ -149,7 +149,7 @@ pub(super) fn check(places: &[Place], frames: &[Found]) -> Result<Vec<Group>> {
 ///
 /// # Errors
 /// A frame that cannot be matched.
-pub(super) fn imperfect(frames: &[Found]) -> Result<Vec<Group>> {
+pub(super) fn imperfect(frames: &[PlaceFrame]) -> Result<Vec<Group>> {
     let mut groups = Vec::new();
     for preset in Preset::ALL {
         for (k, imperfection) in imperfect::FOR_TEST.iter().enumerate() {

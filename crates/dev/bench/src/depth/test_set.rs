@@ -99,13 +99,13 @@ impl Place {
 }
 
 /// A frame and the number of its walk, or of its imperfection.
-pub(super) type Found = (usize, Frame);
+pub(super) type PlaceFrame = (usize, Frame);
 
 /// Renders all frames of all walks, in order, with one thread per processor.
 ///
 /// # Errors
 /// There is no such walk.
-pub(super) fn render(places: &[Place]) -> Result<Vec<Found>> {
+pub(super) fn render(places: &[Place]) -> Result<Vec<PlaceFrame>> {
     let walk = |number: usize| frames(&places[number], &imperfect::NONE);
     parallel(places.len(), &walk)
 }
@@ -115,7 +115,7 @@ pub(super) fn render(places: &[Place]) -> Result<Vec<Found>> {
 ///
 /// # Errors
 /// There is no such walk.
-pub(super) fn render_imperfect(quick: bool) -> Result<Vec<Found>> {
+pub(super) fn render_imperfect(quick: bool) -> Result<Vec<PlaceFrame>> {
     let places = match quick {
         true => of(&[Kind::Stairs], &[Lighting::Day], 8, SIZE, &[150]),
         false => {
@@ -163,7 +163,7 @@ fn frames(place: &Place, imperfection: &Imperfection) -> Result<Vec<Frame>> {
 fn parallel(
     walks: usize,
     frames: &(dyn Fn(usize) -> Result<Vec<Frame>> + Sync),
-) -> Result<Vec<Found>> {
+) -> Result<Vec<PlaceFrame>> {
     let next = AtomicUsize::new(0);
     let found: Mutex<Vec<(usize, Result<Vec<Frame>>)>> = Mutex::new(Vec::new());
     let work = || {

@@ -22,7 +22,7 @@ pub(super) fn delivered(
         return Ok(Vec::new());
     };
     let (first, last) = (first.number, last.number);
-    let source = Box::new(Kept(frames.to_vec()));
+    let source = Box::new(FrameStore(frames.to_vec()));
     let camera = walks::position(simulation)?;
     let mut device = Device::new(simulation, camera, faults.of(walks::CAMERA), source);
     let mut delivered: Vec<Arc<StereoFrame>> = Vec::new();
@@ -41,9 +41,9 @@ pub(super) fn delivered(
 }
 
 /// Frames that were rendered before; the first and the last one stand for those outside of them.
-struct Kept(Vec<Arc<StereoFrame>>);
+struct FrameStore(Vec<Arc<StereoFrame>>);
 
-impl FrameSource for Kept {
+impl FrameSource for FrameStore {
     fn render_frame(&mut self, number: u64, _: i64) -> StereoFrame {
         let first = self.0[0].number;
         let at = number.saturating_sub(first) as usize;

@@ -4,7 +4,7 @@ use serde::Serialize;
 
 use super::faults::SWEEPS;
 use super::outcome::{Clean, FootScores, Outcome, outcome};
-use super::stages::Found;
+use super::stages::StageOutputs;
 use super::walks::{WALKS, Walk};
 
 /// Name of points without a fault.
@@ -46,7 +46,7 @@ pub(super) fn point(
     (fault, unit, strength): (&'static str, &'static str, f64),
     seconds: f64,
     feet: &[FootScores; 2],
-    found: Found,
+    found: StageOutputs,
     (clean, is_same_walk): (&Clean, bool),
 ) -> Point {
     Point {

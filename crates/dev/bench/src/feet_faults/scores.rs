@@ -10,7 +10,7 @@ use scene_bundle::outputs::feet::{FootPose, FootStatus};
 use scene_bundle::{Pose, Status, Trajectory};
 
 use super::outcome::{FootScores, motion};
-use super::stages::Found;
+use super::stages::StageOutputs;
 use super::walks::rig_pose;
 use crate::terrain::walks::transform;
 
@@ -30,7 +30,11 @@ impl Truth<'_> {
     ///
     /// # Errors
     /// A pose that is not finite.
-    pub(super) fn scores(&self, found: &Found, trajectory: &Trajectory) -> Result<[FootScores; 2]> {
+    pub(super) fn scores(
+        &self,
+        found: &StageOutputs,
+        trajectory: &Trajectory,
+    ) -> Result<[FootScores; 2]> {
         let mut scores = [FootScores::default(), FootScores::default()];
         for (foot, scores) in scores.iter_mut().enumerate() {
             for pose in &found.poses {

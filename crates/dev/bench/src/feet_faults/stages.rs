@@ -16,7 +16,7 @@ use scene_bundle::outputs::terrain::TerrainMesh;
 use super::inputs::Inputs;
 
 /// What the stages find.
-pub(super) struct Found {
+pub(super) struct StageOutputs {
     /// Of the left and the right foot.
     pub(super) contacts: [Vec<Contact>; 2],
     /// At the poses of the trajectory, by foot.
@@ -29,7 +29,7 @@ pub(super) struct Found {
 ///
 /// # Errors
 /// A detection whose covariance is none.
-pub(super) fn run(inputs: &Inputs, ground: &TerrainMesh) -> Result<Found> {
+pub(super) fn run(inputs: &Inputs, ground: &TerrainMesh) -> Result<StageOutputs> {
     let findings = Findings::default();
     let detections = detections(inputs, &findings)?;
     let found = feet(
@@ -39,7 +39,7 @@ pub(super) fn run(inputs: &Inputs, ground: &TerrainMesh) -> Result<Found> {
         ground,
         &findings,
     );
-    Ok(Found {
+    Ok(StageOutputs {
         contacts: found.contacts,
         poses: found.poses,
         losses: findings.into_report().losses,

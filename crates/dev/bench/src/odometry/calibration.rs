@@ -16,7 +16,7 @@
 
 use anyhow::Result;
 use camera_models::CameraModel;
-use harness::tracking::{self, Refined};
+use harness::tracking::{self, RefinedWalk};
 use scene_bundle::Trajectory;
 use serde::Serialize;
 use serde_json::json;
@@ -241,7 +241,7 @@ fn point(
     Ok(point)
 }
 
-fn estimates(refined: &Refined) -> Vec<[[f64; 7]; 2]> {
+fn estimates(refined: &RefinedWalk) -> Vec<[[f64; 7]; 2]> {
     let each = refined.stereo.iter();
     each.map(|stereo| [stereo.error, stereo.sigmas()]).collect()
 }

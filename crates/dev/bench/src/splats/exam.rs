@@ -9,7 +9,7 @@ use super::fit::{self, Fit, evaluate};
 use super::off_path::{self, OffPathView};
 use super::views::{Part, TestView, ViewOptions, WalkViews};
 use super::walks::short_name;
-use crate::terrain::walks::{Prepared, Walk};
+use crate::terrain::walks::{Walk, WalkInputs};
 
 /// Seed of the views off the path.
 const OFF_PATH_SEED: u64 = 17;
@@ -32,7 +32,7 @@ impl Exam {
     ///
     /// # Errors
     /// A pair that cannot be rectified, or an I/O error.
-    pub(crate) fn new(prepared: Prepared, variant: &str, off_path_views: usize) -> Result<Self> {
+    pub(crate) fn new(prepared: WalkInputs, variant: &str, off_path_views: usize) -> Result<Self> {
         let walk = prepared.walk;
         let views = WalkViews::load(prepared, variant)?;
         let options = ViewOptions::STAGE;

@@ -13,7 +13,7 @@ use splats::TrainingView;
 use super::exam::Exam;
 use super::fit;
 use super::views::{KnownExposure, Part, ViewOptions};
-use crate::terrain::walks::{Prepared, Walk};
+use crate::terrain::walks::{Walk, WalkInputs};
 
 const SEED: u64 = 23;
 const STREAM: u64 = 0xe1;
@@ -116,7 +116,7 @@ pub(crate) fn blur(walk: Walk, preset: &str, steps: Option<usize>) -> Result<Vec
             ..Imaging::USUAL
         };
         let simulation = (*usual.simulation).clone().with_imaging(imaging);
-        let prepared = Prepared {
+        let prepared = WalkInputs {
             walk,
             simulation: Arc::new(simulation.context("preparing the walk")?),
         };

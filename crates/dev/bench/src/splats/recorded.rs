@@ -21,10 +21,10 @@ use crate::meter;
 use crate::terrain::keyframes::{
     MASK_MARGIN, MAX_DISPARITIES, MAX_RELATIVE_SIGMA, MIN_DISTANCE_M, dilated,
 };
-use crate::terrain::walks::{KeyframeId, Prepared};
+use crate::terrain::walks::{KeyframeId, WalkInputs};
 
 /// A stereo keyframe; rows first.
-pub(crate) struct Recorded {
+pub(crate) struct KeyframeImages {
     pub(crate) id: KeyframeId,
     pub(crate) exposure: Exposure,
     /// Red, green and blue of both images.
@@ -41,10 +41,10 @@ pub(crate) struct Recorded {
 /// # Errors
 /// A pair that cannot be rectified, or an I/O error.
 pub(crate) fn recorded(
-    prepared: &Prepared,
+    prepared: &WalkInputs,
     ids: &[KeyframeId],
     variant: &str,
-) -> Result<Vec<Recorded>> {
+) -> Result<Vec<KeyframeImages>> {
     let count = prepared.simulation.cameras().len();
     // The path depends on the length of the walk.
     let end_s = prepared.walk.span_s[1];
@@ -96,7 +96,7 @@ struct Renderer<'a> {
 
 impl<'a> Renderer<'a> {
     /// With the exposure of the first frame.
-    fn new(prepared: &'a Prepared, first: &KeyframeId) -> Result<Self> {
+    fn new(prepared: &'a WalkInputs, first: &KeyframeId) -> Result<Self> {
         let calibration = prepared.simulation.calibration(first.camera);
         let rectification = Rectification::new(&calibration, View::Filled)?;
         let [width, height] = prepared.walk.size;
@@ -151,7 +151,7 @@ impl<'a> Renderer<'a> {
     }
 }
 
-fn parse(id: &KeyframeId, [width, height]: [usize; 2], bytes: &[u8]) -> Result<Recorded> {
+fn parse(id: &KeyframeId, [width, height]: [usize; 2], bytes: &[u8]) -> Result<KeyframeImages> {
     let pixels = width * height;
     let expected = 16 + 3 * pixels + 2 * 2 * pixels + 2 * pixels.div_ceil(8);
     ensure!(
@@ -195,7 +195,7 @@ fn parse(id: &KeyframeId, [width, height]: [usize; 2], bytes: &[u8]) -> Result<R
             .map(|k| bits[k / 8] >> (k % 8) & 1 == 1)
             .collect()
     });
-    Ok(Recorded {
+    Ok(KeyframeImages {
         id: *id,
         exposure,
         rgb,

@@ -21,9 +21,9 @@ use rig_sim::simulation::seconds;
 use scene_bundle::outputs::depth::DepthView;
 use splats::{Camera, TrainingView};
 
-use super::recorded::{Recorded, recorded};
+use super::recorded::{KeyframeImages, recorded};
 use crate::meter;
-use crate::terrain::walks::{Prepared, transform};
+use crate::terrain::walks::{WalkInputs, transform};
 
 /// Length of a gap, and from the begin of one to that of the next, m.
 const GAP_M: f64 = 2.0;
@@ -94,7 +94,7 @@ pub(crate) struct TestView {
 
 /// Keyframes of a walk in parts.
 pub(crate) struct WalkViews {
-    pub(crate) prepared: Prepared,
+    pub(crate) prepared: WalkInputs,
     cameras: Vec<WalkCamera>,
     keyframes: Vec<WalkKeyframe>,
 }
@@ -110,7 +110,7 @@ struct WalkCamera {
 }
 
 struct WalkKeyframe {
-    recorded: Recorded,
+    recorded: KeyframeImages,
     instant: u32,
     part: Part,
 }
@@ -121,7 +121,7 @@ impl WalkViews {
     ///
     /// # Errors
     /// A pair that cannot be rectified, or an I/O error.
-    pub(crate) fn load(prepared: Prepared, variant: &str) -> Result<Self> {
+    pub(crate) fn load(prepared: WalkInputs, variant: &str) -> Result<Self> {
         let ids = prepared.keyframes()?;
         let all = recorded(&prepared, &ids, variant)?;
         let parts = parts(&prepared, &all);
@@ -344,7 +344,7 @@ impl WalkViews {
 }
 
 impl WalkCamera {
-    fn new(prepared: &Prepared, number: usize, keyframes: &[WalkKeyframe]) -> Result<Self> {
+    fn new(prepared: &WalkInputs, number: usize, keyframes: &[WalkKeyframe]) -> Result<Self> {
         let simulation = &prepared.simulation;
         let camera = &simulation.cameras()[number];
         let rectification = Rectification::new(&simulation.calibration(number), View::Filled)?;
@@ -354,8 +354,8 @@ impl WalkCamera {
             view_from_left: rectification.rectified_from_left,
         };
         let own = keyframes.iter().map(|own| &own.recorded);
-        let own: Vec<&Recorded> = own.filter(|own| own.id.camera == number).collect();
-        let product = |own: &&Recorded| own.exposure.seconds * own.exposure.gain;
+        let own: Vec<&KeyframeImages> = own.filter(|own| own.id.camera == number).collect();
+        let product = |own: &&KeyframeImages| own.exposure.seconds * own.exposure.gain;
         Ok(Self {
             models: camera.models,
             rig_from_eye: camera.rig_from_eye,
@@ -368,7 +368,7 @@ impl WalkCamera {
 }
 
 /// Part of each instant.
-fn parts(prepared: &Prepared, all: &[Recorded]) -> Vec<Part> {
+fn parts(prepared: &WalkInputs, all: &[KeyframeImages]) -> Vec<Part> {
     let mut last: Option<(u64, nalgebra::Vector3<f64>)> = None;
     let (mut path_m, mut outside) = (0.0, 0);
     let mut parts = Vec::new();

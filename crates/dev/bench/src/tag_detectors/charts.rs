@@ -2,7 +2,7 @@
 
 use charts::{Axis, Chart, Series};
 
-use super::measured::{Measured, Step};
+use super::measured::{Measurements, Step};
 use super::scores::Score;
 
 const SIZE: [u32; 2] = [1200, 420];
@@ -18,7 +18,7 @@ const CONDITIONS: &str =
     "one variable at a time around 20 px, 17°, no motion, noise of 3 gray levels";
 
 /// Name and SVG of every chart.
-pub(super) fn draw(measured: &Measured, stamp: &str) -> Vec<(String, String)> {
+pub(super) fn draw(measured: &Measurements, stamp: &str) -> Vec<(String, String)> {
     let methods = measured.methods();
     let recall = Chart::new("Tags found")
         .subtitle(CONDITIONS)
@@ -47,7 +47,7 @@ pub(super) fn draw(measured: &Measured, stamp: &str) -> Vec<(String, String)> {
     charts.into_iter().map(svg).collect()
 }
 
-impl Measured {
+impl Measurements {
     /// Names of the methods.
     fn methods(&self) -> Vec<&str> {
         let first = self.points.first();
@@ -63,7 +63,7 @@ impl Measured {
 
 /// Values of all sweeps side by side: a line for each method, with a gap between sweeps.
 fn over_sweeps(
-    measured: &Measured,
+    measured: &Measurements,
     methods: &[&str],
     chart: Chart,
     value: impl Fn(&Score) -> f64,
@@ -94,7 +94,7 @@ fn over_sweeps(
 }
 
 /// Processor time of an image, by its width.
-fn time(measured: &Measured, methods: &[&str]) -> Chart {
+fn time(measured: &Measurements, methods: &[&str]) -> Chart {
     let is_width = |step: &&Step| step.variable == "image_width";
     let steps: Vec<&Step> = measured.steps.iter().filter(is_width).collect();
     let names = steps.iter().map(|step| match step.value {

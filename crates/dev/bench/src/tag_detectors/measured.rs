@@ -23,7 +23,7 @@ pub(super) struct Step {
 
 /// What is measured on simulated images.
 #[derive(Debug, Default, Serialize)]
-pub(super) struct Measured {
+pub(super) struct Measurements {
     pub(super) versions: Vec<String>,
     pub(super) points: Vec<Point>,
     pub(super) steps: Vec<Step>,

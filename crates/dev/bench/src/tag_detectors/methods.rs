@@ -13,7 +13,7 @@ use crate::meter;
 
 /// A tag that a method reports.
 #[derive(Clone, Debug, Deserialize)]
-pub(super) struct Found {
+pub(super) struct TagEstimate {
     pub(super) id: u32,
     /// Corners of the black square in the left image, in the order of [`fiducials::Tag::corners`],
     /// px, pixel centers at integers.
@@ -23,7 +23,7 @@ pub(super) struct Found {
     pub(super) left_from_tag: Option<RigidTransform>,
 }
 
-impl Found {
+impl TagEstimate {
     /// Its corners, beginning with the one that makes them agree best with others:
     /// kornia-apriltag begins with the one at the top right of the image, whichever of the tag
     /// that is.
@@ -44,7 +44,7 @@ impl Found {
 /// What a method reports of an image, and its processor time on one thread.
 #[derive(Clone, Debug, Deserialize)]
 pub(super) struct Answer {
-    pub(super) tags: Vec<Found>,
+    pub(super) tags: Vec<TagEstimate>,
     pub(super) ms: f64,
 }
 
@@ -68,7 +68,7 @@ pub(super) fn searcher() -> Searcher {
 /// All tags in an image.
 pub(super) fn search(searcher: &Searcher, image: &ImageView<'_>) -> Answer {
     let (found, ms) = timed(|| searcher.search(image));
-    let tags = found.iter().map(|seen| Found {
+    let tags = found.iter().map(|seen| TagEstimate {
         id: seen.id,
         corners: seen.corners,
         left_from_tag: None,
@@ -145,7 +145,7 @@ impl<'a> Views<'a> {
 
     /// The tag where a search found it, as the tracker does: from both poses that its corners
     /// allow, without a prediction of its motion.
-    fn fit_at(&self, tags: &[Found]) -> Option<Fit> {
+    fn fit_at(&self, tags: &[TagEstimate]) -> Option<Fit> {
         let own = tags.iter().find(|found| found.id == self.tag.id)?;
         let poses = poses_from_corners(&self.camera.lens, &self.tag, &own.corners)?;
         let fits = poses
@@ -156,7 +156,7 @@ impl<'a> Views<'a> {
 
     fn answer(&self, fit: Option<Fit>, ms: f64) -> Answer {
         let found = fit.and_then(|fit| {
-            Some(Found {
+            Some(TagEstimate {
                 id: self.tag.id,
                 corners: corners_at(self.camera, self.tag.id, &fit.reference_from_tag)?,
                 left_from_tag: Some(fit.reference_from_tag),

@@ -6,7 +6,7 @@ use fiducials::poses_from_corners;
 use fiducials::square::distance;
 use serde::Serialize;
 
-use super::methods::{Answers, Found};
+use super::methods::{Answers, TagEstimate};
 use super::scene::{Camera, Scene, tag};
 use crate::meter::{median, quantile};
 
@@ -47,7 +47,7 @@ pub(super) fn score(camera: &Camera, scenes: &[Scene], answers: &Answers) -> Res
     for (scene, answer) in scenes.iter().zip(&answers.images) {
         let truth = scene.corners(camera)?;
         let cell_px = distance(truth[0], truth[2]) / (8.0 * std::f64::consts::SQRT_2);
-        let is_right = |seen: &&Found| {
+        let is_right = |seen: &&TagEstimate| {
             let corners = seen.corners_in_order_of(&truth);
             let own = [0, 1, 2, 3].map(|k: usize| distance(corners[k], truth[k]));
             scene.has_tag && seen.id == scene.id && rms(&own) < cell_px

@@ -19,7 +19,7 @@ use rig_sim::simulation::seconds;
 use scene_bundle::outputs::depth::{DEPTH_UNIT_M, DepthImage, SIGMA_UNIT_M};
 use terrain::{DepthView, PixelClass, RowMotion};
 
-use super::walks::{KeyframeId, Prepared, transform};
+use super::walks::{KeyframeId, WalkInputs, transform};
 use crate::depth::frames::{inverse_depth, sample};
 use crate::meter;
 
@@ -93,7 +93,7 @@ impl Source {
 ///
 /// # Errors
 /// A pair that cannot be rectified, or an I/O error.
-pub(crate) fn keyframes(prepared: &Prepared, ids: &[KeyframeId]) -> Result<Vec<Keyframe>> {
+pub(crate) fn keyframes(prepared: &WalkInputs, ids: &[KeyframeId]) -> Result<Vec<Keyframe>> {
     let count = prepared.simulation.cameras().len();
     let cameras: Vec<Camera> = (0..count)
         .map(|camera| Camera::new(prepared, camera))
@@ -142,7 +142,7 @@ struct Renderer<'a> {
 
 impl<'a> Renderer<'a> {
     /// With the exposure of the first frame.
-    fn new(prepared: &'a Prepared, first: &KeyframeId, camera: &'a Camera) -> Self {
+    fn new(prepared: &'a WalkInputs, first: &KeyframeId, camera: &'a Camera) -> Self {
         let [width, height] = [camera.recorded.width, camera.recorded.height];
         let maps = [Eye::Left, Eye::Right].map(|eye| camera.rectification.map(eye));
         let mut images = prepared.simulation.frames(first.camera);
@@ -191,7 +191,7 @@ impl<'a> Renderer<'a> {
 }
 
 impl Camera {
-    fn new(prepared: &Prepared, number: usize) -> Result<Self> {
+    fn new(prepared: &WalkInputs, number: usize) -> Result<Self> {
         let simulation = &prepared.simulation;
         let calibration = simulation.calibration(number);
         let rectification = Rectification::new(&calibration, View::Filled)?;
@@ -214,7 +214,7 @@ impl Camera {
         })
     }
 
-    fn keyframe(&self, prepared: &Prepared, id: &KeyframeId, bytes: &[u8]) -> Result<Keyframe> {
+    fn keyframe(&self, prepared: &WalkInputs, id: &KeyframeId, bytes: &[u8]) -> Result<Keyframe> {
         let model = self.rectification.camera;
         let size = [model.width as usize, model.height as usize];
         let pixels = size[0] * size[1];

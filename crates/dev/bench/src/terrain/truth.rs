@@ -7,7 +7,7 @@ use rig_sim::scene::terrain::{Plane, StepEdge};
 use rig_sim::simulation::Simulation;
 use rig_sim::walker::Side;
 
-use super::walks::Prepared;
+use super::walks::WalkInputs;
 
 /// Sole: from the middle to heel and toe, and half of its width, m (280 x 95 mm).
 const SOLE_M: [f64; 3] = [0.13, 0.15, 0.0475];
@@ -65,7 +65,7 @@ pub(crate) struct TruePlane {
 }
 
 impl<'a> Truth<'a> {
-    pub(crate) fn new(prepared: &'a Prepared) -> Self {
+    pub(crate) fn new(prepared: &'a WalkInputs) -> Self {
         let simulation = &*prepared.simulation;
         let [from, to] = prepared.walk.span_s;
         let mut falls: Vec<_> = [Side::Left, Side::Right]

@@ -53,7 +53,7 @@ pub(crate) const WALKS: [Walk; 8] = [
 const STAIRS_S: [f64; 2] = [4.0, 24.0];
 
 /// A walk that is prepared for rendering.
-pub(crate) struct Prepared {
+pub(crate) struct WalkInputs {
     pub(crate) walk: Walk,
     pub(crate) simulation: Arc<Simulation>,
 }
@@ -76,7 +76,7 @@ impl Walk {
 
     /// # Errors
     /// There is no such walk.
-    pub(crate) fn prepare(self) -> Result<Prepared> {
+    pub(crate) fn prepare(self) -> Result<WalkInputs> {
         let rig = Rig::parse(EXAMPLE_RIG).context("reading the example rig")?;
         let settings = Settings {
             kind: self.kind,
@@ -89,14 +89,14 @@ impl Walk {
             quality: Quality::ACCURATE,
         };
         let simulation = Simulation::new(&settings, &rig).context("preparing the walk")?;
-        Ok(Prepared {
+        Ok(WalkInputs {
             walk: self,
             simulation: Arc::new(simulation),
         })
     }
 }
 
-impl Prepared {
+impl WalkInputs {
     /// Keyframes in the order in which the stage fuses them: by time, then camera.
     pub(crate) fn keyframes(&self) -> Result<Vec<KeyframeId>> {
         let settings = self.simulation.settings();

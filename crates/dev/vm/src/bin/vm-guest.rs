@@ -9,7 +9,7 @@ use anyhow::{Context as _, Result};
 use clap::Parser;
 use serde_json::json;
 use vm::device_mapper::Device;
-use vm::exam::{self, Contents, Found, Promise};
+use vm::exam::{self, Contents, ExamResult, Promise};
 use vm::marks::{Mark, TICK};
 
 /// What scripts in a guest need and no shell has.
@@ -115,7 +115,7 @@ fn exam(reference: Option<&Path>, on: &Path) -> Result<ExitCode> {
         };
         let found = mounted(Path::new(image), on, |repaired| {
             let found = exam::examine(on, reference.as_ref(), promise, scratch)?;
-            Ok(Found { repaired, ..found })
+            Ok(ExamResult { repaired, ..found })
         });
         let _ = std::fs::remove_dir_all(scratch);
         let said = match found {

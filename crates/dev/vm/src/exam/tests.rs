@@ -79,11 +79,11 @@ fn no_session_is_fine_until_one_was_reported() {
     };
     let scratch = archive.join("scratch");
     let exam = |started| examine(&archive, None, promise(started), &scratch);
-    assert_eq!(exam(false).unwrap(), Found::default());
+    assert_eq!(exam(false).unwrap(), ExamResult::default());
     assert!(exam(true).is_err());
     // Its folder is there, and nothing in it.
     fs::create_dir(archive.join("session")).unwrap();
-    assert_eq!(exam(false).unwrap(), Found::default());
+    assert_eq!(exam(false).unwrap(), ExamResult::default());
     assert!(exam(true).is_err());
     fs::remove_dir_all(&archive).unwrap();
 }

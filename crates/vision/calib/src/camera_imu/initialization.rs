@@ -254,7 +254,7 @@ pub(super) fn from_forces(
         let [ri, rj, rk] = [i, j, k].map(|n| poses[n].rotation * imu_from_left.transpose());
         let [pi, pj, pk] = [i, j, k].map(|n| poses[n].position);
         let (t1, t2) = (one.seconds, two.seconds);
-        let by_bias = |m: &super::preintegrate::Preintegrated, row: usize| -> Matrix3<f64> {
+        let by_bias = |m: &super::preintegrate::Preintegration, row: usize| -> Matrix3<f64> {
             m.by_sensor.fixed_view::<3, 3>(row, ACCEL_BIAS).into()
         };
         let mut row = SMatrix::<f64, 3, 9>::zeros();

@@ -30,7 +30,7 @@ type BySensor = SMatrix<f64, 3, SENSOR>;
 
 /// Preintegrated motion; see the module. Order of the nine rows: rotation, velocity, displacement.
 #[derive(Clone, Debug)]
-pub(super) struct Preintegrated {
+pub(super) struct Preintegration {
     pub seconds: f64,
     /// `first_from_last`.
     pub turn: Matrix3<f64>,
@@ -74,7 +74,7 @@ pub(super) fn preintegrate(
     raw: &[Raw],
     correction: &Correction,
     densities: [f64; 2],
-) -> Preintegrated {
+) -> Preintegration {
     let (first, last) = (&raw[0], &raw[raw.len() - 1]);
     let mut turn = Matrix3::identity();
     let mut velocity = Vector3::zeros();
@@ -181,7 +181,7 @@ pub(super) fn preintegrate(
     by_sensor.fixed_rows_mut::<3>(0).copy_from(&turn_by);
     by_sensor.fixed_rows_mut::<3>(3).copy_from(&velocity_by);
     by_sensor.fixed_rows_mut::<3>(6).copy_from(&displacement_by);
-    Preintegrated {
+    Preintegration {
         seconds,
         turn,
         velocity,
@@ -238,13 +238,13 @@ mod tests {
 
     const DENSITIES: [f64; 2] = [1e-4, 1e-3];
 
-    fn of(track: &Track, from_s: f64, to_s: f64, parameters: &[f64; SENSOR]) -> Preintegrated {
+    fn of(track: &Track, from_s: f64, to_s: f64, parameters: &[f64; SENSOR]) -> Preintegration {
         let mut raw = Vec::new();
         track.between(from_s, to_s, &mut raw).unwrap();
         preintegrate(&raw, &correction(parameters), DENSITIES)
     }
 
-    fn difference(a: &Preintegrated, b: &Preintegrated) -> SMatrix<f64, 9, 1> {
+    fn difference(a: &Preintegration, b: &Preintegration) -> SMatrix<f64, 9, 1> {
         let mut out = SMatrix::<f64, 9, 1>::zeros();
         out.fixed_rows_mut::<3>(0)
             .copy_from(&so3::log(&(a.turn.transpose() * b.turn)));

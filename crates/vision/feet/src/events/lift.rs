@@ -157,7 +157,7 @@ pub(super) fn bearing_share(speed: f64) -> [f64; 2] {
 }
 
 /// What follows from the gait.
-struct Expected {
+struct GaitEvents {
     toe_off: [f64; 2],
     heel_off: [f64; 2],
     latest_s: f64,
@@ -315,7 +315,7 @@ fn expected(
     index: usize,
     strikes: Strikes<'_>,
     habit: &LiftHabit,
-) -> Expected {
+) -> GaitEvents {
     let own = strikes.own;
     let stance = &foot.stances[index];
     let (strike, last_s) = (own[index].heel_strike, seconds(stance.times_ns[1]));
@@ -362,7 +362,7 @@ fn expected(
         Some(stride_s) => [strike.time_s + lift_share * stride_s, lift_sigma * stride_s],
         None => [0.5 * (last_s + toe_off[0]), UNKNOWN_LIFT_S[1]],
     };
-    Expected {
+    GaitEvents {
         toe_off,
         heel_off,
         latest_s,

@@ -54,7 +54,7 @@ pub(crate) trait NormalEquations {
 }
 
 /// Accumulated landmarks of one piece.
-pub(crate) struct Accumulated<S> {
+pub(crate) struct LandmarkSums<S> {
     pub(crate) sums: S,
     pub(crate) cost: f64,
     pub(crate) landmark_blocks: Vec<LandmarkBlock>,
@@ -279,8 +279,8 @@ pub(crate) fn accumulate<S: NormalEquations>(
     landmarks: &[&Landmark],
     damping: f64,
     empty: S,
-) -> Accumulated<S> {
-    let mut accumulated = Accumulated {
+) -> LandmarkSums<S> {
+    let mut accumulated = LandmarkSums {
         sums: empty,
         cost: 0.0,
         landmark_blocks: Vec::with_capacity(landmarks.len()),

@@ -261,7 +261,7 @@ mod tests {
 
     use super::*;
     use crate::backend::state::Error;
-    use crate::inertial::imu_buffer::{Preintegrated, Reading};
+    use crate::inertial::imu_buffer::{Preintegration, Reading};
 
     #[test]
     fn jacobians_equal_finite_differences() {
@@ -284,7 +284,7 @@ mod tests {
         };
         let zero = Vector3::zeros();
         let motion = MotionFactor {
-            preintegrated: Preintegrated::new(
+            preintegrated: Preintegration::new(
                 &readings,
                 &zero,
                 &zero,

@@ -11,7 +11,7 @@ use crate::backend::covariance::{CALIBRATION_DIM, NewestCovariance};
 use crate::backend::extrinsics;
 use crate::backend::gyro_scale::{Border, BorderedStep};
 use crate::backend::landmark_elimination::{
-    Accumulated, LandmarkBlock, NormalEquations, accumulate,
+    LandmarkBlock, LandmarkSums, NormalEquations, accumulate,
 };
 use crate::backend::motion_factor;
 use crate::backend::observation::{CameraPose, transfer};
@@ -86,7 +86,7 @@ pub(crate) fn linearize(
         information: DMatrix::zeros(compact_size, compact_size),
         gradient: DVector::zeros(compact_size),
     };
-    let pieces: Vec<Accumulated<Dense>> = landmarks
+    let pieces: Vec<LandmarkSums<Dense>> = landmarks
         .par_chunks(LANDMARKS_PER_PIECE)
         .map(|landmarks| accumulate(window, landmarks, damping, empty()))
         .collect();
@@ -297,7 +297,7 @@ const MAX_COVARIANCE_DAMPING: f64 = 1e-4;
 
 /// Result of an optimization.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Solved {
+pub(crate) struct Solution {
     /// Number of iterations.
     pub(crate) rounds: usize,
     /// Cost before and after, in standard deviations squared.
@@ -310,8 +310,8 @@ pub(crate) fn optimize_window(
     window: &mut Window,
     rounds: usize,
     bounds: Damping,
-) -> (Solved, Option<NewestCovariance>) {
-    let mut solved = Solved {
+) -> (Solution, Option<NewestCovariance>) {
+    let mut solved = Solution {
         rounds: 0,
         cost: [0.0; 2],
     };

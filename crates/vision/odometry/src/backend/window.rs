@@ -15,7 +15,7 @@ use crate::backend::observation::{BearingObservation, Camera};
 use crate::backend::state::{POSE_DIM, ROTATION, STATE_DIM, State};
 use crate::backend::stereo::{STEREO_DIM, StereoVector};
 use crate::config::BackendConfig;
-use crate::inertial::imu_buffer::Preintegrated;
+use crate::inertial::imu_buffer::Preintegration;
 
 /// A frame of the window.
 #[derive(Clone, Debug)]
@@ -30,7 +30,7 @@ pub(crate) struct Frame {
 /// Motion factor between adjacent frames.
 #[derive(Clone, Debug)]
 pub(crate) struct MotionFactor {
-    pub(crate) preintegrated: Preintegrated,
+    pub(crate) preintegrated: Preintegration,
     /// Whether the factor contains measured specific force; false for a constant-velocity factor.
     pub(crate) has_gravity: bool,
     /// Bias random walk densities, rad/s²/√Hz and m/s³/√Hz.

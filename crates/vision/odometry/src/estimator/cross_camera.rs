@@ -14,7 +14,7 @@ use super::{Odometry, world_from_left};
 use crate::backend::observation::{Camera, CameraPose, transfer};
 use crate::backend::window::Window;
 use crate::config::FrontendConfig;
-use crate::frontend::tracker::{Expected, Track};
+use crate::frontend::tracker::{PredictedPixel, Track};
 use imaging::{Level, Pyramid};
 
 /// Side of the warped patch, px, and its center.
@@ -24,7 +24,7 @@ const WARP_CENTER_PX: f64 = 24.0;
 /// A feature that should be visible in the other camera.
 struct Candidate {
     id: u64,
-    expected: Expected,
+    expected: PredictedPixel,
     rho: f64,
 }
 
@@ -138,7 +138,7 @@ impl Odometry {
         let is_inside = (0..2).all(|k| (8.0..inside[k] - 8.0).contains(&at[k]));
         (x.z > 0.1 * size && is_inside).then_some(Candidate {
             id: track.id,
-            expected: Expected {
+            expected: PredictedPixel {
                 at: at.map(|v| v as f32),
                 rho: Some(landmark.rho / size),
             },
@@ -234,7 +234,7 @@ mod tests {
         let at = cameras[1].left.project(x.into()).unwrap();
         let candidate = Candidate {
             id: 1,
-            expected: Expected {
+            expected: PredictedPixel {
                 at: at.map(|v| v as f32),
                 rho: None,
             },

@@ -12,7 +12,7 @@ use nalgebra::{Matrix6, Vector3};
 use super::{Estimate, Odometry};
 use crate::backend::window::{Frame, Prior, Window};
 use crate::frontend::stale_image::StaleImageDetector;
-use crate::frontend::tracker::Expected;
+use crate::frontend::tracker::PredictedPixel;
 use imaging::Pyramid;
 
 use crate::backend::state::{
@@ -124,7 +124,7 @@ impl Odometry {
                     &state,
                     &self.cameras[k],
                 );
-                tracker.track(&self.cameras[k], left, right, |track| Expected {
+                tracker.track(&self.cameras[k], left, right, |track| PredictedPixel {
                     at: track.at,
                     rho: None,
                 });

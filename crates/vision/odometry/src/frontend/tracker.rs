@@ -36,7 +36,7 @@ pub(crate) struct Track {
 
 /// Predicted position of a feature.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Expected {
+pub(crate) struct PredictedPixel {
     /// Position in the left image, px.
     pub(crate) at: [f32; 2],
     /// Predicted inverse range, 1/m.
@@ -92,7 +92,7 @@ impl Tracker {
         camera: &Camera,
         left: Pyramid,
         right: Pyramid,
-        expect: impl Fn(&Track) -> Expected + Sync,
+        expect: impl Fn(&Track) -> PredictedPixel + Sync,
     ) {
         let before = std::mem::replace(&mut self.left, left);
         self.right = right;
@@ -286,7 +286,7 @@ impl Tracker {
         camera: &Camera,
         (patch, at): (&Pyramid, [f32; 2]),
         id: u64,
-        expected: Expected,
+        expected: PredictedPixel,
     ) -> Option<Track> {
         let at = klt::track::<PATCH_SIDE>(
             &self.config.klt,
@@ -375,10 +375,10 @@ pub(crate) fn transfer_pixel(
     now_from_then: &(Matrix3<f64>, Vector3<f64>),
     ray: &Vector3<f64>,
     rho: f64,
-) -> Option<Expected> {
+) -> Option<PredictedPixel> {
     let x = now_from_then.0 * ray + now_from_then.1 * rho;
     let at = camera.left.project(x.into())?;
-    Some(Expected {
+    Some(PredictedPixel {
         at: at.map(|v| v as f32),
         rho: Some(rho / x.norm()),
     })

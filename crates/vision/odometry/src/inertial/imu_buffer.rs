@@ -235,7 +235,7 @@ pub(crate) type Nine = SMatrix<f64, 9, 1>;
 
 /// Preintegrated motion.
 #[derive(Clone, Debug)]
-pub(crate) struct Preintegrated {
+pub(crate) struct Preintegration {
     pub(crate) seconds: f64,
     /// Rotation: first from last body frame.
     pub(crate) rotation: UnitQuaternion<f64>,
@@ -255,7 +255,7 @@ pub(crate) struct Preintegrated {
     pub(crate) accel_bias: Vector3<f64>,
 }
 
-impl Preintegrated {
+impl Preintegration {
     /// Preintegrates at least two samples.
     pub(crate) fn new(
         readings: &[Reading],

@@ -7,7 +7,7 @@ use nalgebra::{SMatrix, UnitQuaternion, Vector3};
 use crate::backend::state::State;
 use crate::config::InertialConfig;
 use crate::inertial::imu_buffer::{
-    Coverage, GYROSCOPE, ImuBuffer, LeverArm, Preintegrated, Reading,
+    Coverage, GYROSCOPE, ImuBuffer, LeverArm, Preintegration, Reading,
 };
 use crate::rig::Imu;
 
@@ -90,7 +90,7 @@ impl ImuPropagator {
         from: &State,
         to_ns: i64,
         rate: Vector3<f64>,
-    ) -> Option<(Preintegrated, bool)> {
+    ) -> Option<(Preintegration, bool)> {
         let (mut readings, coverage) = self.between(from.time_ns, to_ns);
         let mut noise = self.noise;
         let [accel_density, gyro_density] = self.config.constant_velocity_noise_density;
@@ -111,7 +111,7 @@ impl ImuPropagator {
         }
         let biases = [from.gyro_bias, from.accel_bias];
         let mut motion =
-            Preintegrated::new(&readings, &biases[0], &biases[1], &noise, &self.config);
+            Preintegration::new(&readings, &biases[0], &biases[1], &noise, &self.config);
         match coverage {
             Coverage::GyroscopeOnly => motion.by_bias.fixed_columns_mut::<3>(3).fill(0.0),
             Coverage::AccelerometerOnly => {
@@ -145,7 +145,7 @@ pub(crate) fn constant_velocity(
     from: &State,
     rate: Vector3<f64>,
     to_ns: i64,
-) -> Preintegrated {
+) -> Preintegration {
     let reading = |time_ns: i64| Reading {
         time_ns,
         gyro: rate,
@@ -160,7 +160,7 @@ pub(crate) fn constant_velocity(
     };
     let zero = Vector3::zeros();
     let ends = [reading(from.time_ns), reading(to_ns)];
-    let mut preintegrate = Preintegrated::new(&ends, &zero, &zero, &noise, config);
+    let mut preintegrate = Preintegration::new(&ends, &zero, &zero, &noise, config);
     // It is independent of the IMU.
     preintegrate.by_bias = SMatrix::zeros();
     preintegrate.by_gyro_scale = SMatrix::zeros();

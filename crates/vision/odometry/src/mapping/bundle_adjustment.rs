@@ -16,7 +16,7 @@ use rayon::prelude::*;
 use super::loop_closure::Closure;
 use crate::backend::gyro_scale::{Border, BorderedStep};
 use crate::backend::landmark_elimination::{
-    Accumulated, LandmarkBlock, NormalEquations, accumulate,
+    LandmarkBlock, LandmarkSums, NormalEquations, accumulate,
 };
 use crate::backend::motion_factor;
 use crate::backend::solver::{
@@ -105,7 +105,7 @@ fn linearize(window: &Window, loops: &[Closure], damping: f64) -> LinearSystem {
         landmark_blocks: Vec::with_capacity(landmarks.len().div_ceil(LANDMARKS_PER_PIECE)),
     };
     for some in landmarks.chunks(LANDMARKS_PER_PIECE * PIECES_PER_BATCH) {
-        let pieces: Vec<Accumulated<Sparse>> = some
+        let pieces: Vec<LandmarkSums<Sparse>> = some
             .par_chunks(LANDMARKS_PER_PIECE)
             .map(|landmarks| accumulate(window, landmarks, damping, Sparse::default()))
             .collect();
@@ -251,7 +251,7 @@ fn factor(linear: &LinearSystem, damping: f64, window: &Window) -> Option<Llt<us
 
 /// Result of an optimization.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Ended {
+pub(super) struct Outcome {
     /// Number of iterations.
     pub(super) iterations: usize,
     /// Whether the optimization converged.
@@ -266,7 +266,7 @@ pub(super) fn optimize(
     loops: &[Closure],
     max_iterations: usize,
     progress: &mut impl FnMut(Progress),
-) -> Ended {
+) -> Outcome {
     let mut damping = 1e-6;
     let mut now = None;
     for round in 0..max_iterations {
@@ -314,13 +314,13 @@ pub(super) fn optimize(
             damping *= 30.0;
         }
         if is_settled {
-            return Ended {
+            return Outcome {
                 iterations: round + 1,
                 is_converged: true,
             };
         }
     }
-    Ended {
+    Outcome {
         iterations: max_iterations,
         is_converged: false,
     }

@@ -5,7 +5,7 @@
 //! observations; between them there is a constant-velocity factor, as wide as the covariance of the
 //! causal pose. Only a loop closure connects them.
 
-use super::Refined;
+use super::MappingResult;
 
 /// Connectivity of a pose with the first one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -19,7 +19,7 @@ pub enum Connectivity {
     Unconstrained,
 }
 
-impl Refined {
+impl MappingResult {
     /// Connectivity of all poses. `causal` gives their times (ns, ascending) and whether the
     /// estimator reported them as lost. If bundle adjustment did not converge, none of its
     /// covariances holds.
@@ -129,7 +129,7 @@ mod tests {
     #[test]
     fn unconverged_solution_leaves_poses_unconstrained() {
         let causal = [(0, false), (1, false)];
-        let mut adjusted = Refined {
+        let mut adjusted = MappingResult {
             poses: Vec::new(),
             loop_closures: Vec::new(),
             iterations: 30,

@@ -154,11 +154,11 @@ fn keyframes_of(rig: &Rig, laps: usize, drift_m: f64, with_keypoints: bool) -> V
         .collect()
 }
 
-fn solved(keyframes: Vec<Keyframe>) -> Refined {
+fn solved(keyframes: Vec<Keyframe>) -> MappingResult {
     solved_on(&rig(), keyframes)
 }
 
-fn solved_on(rig: &Rig, keyframes: Vec<Keyframe>) -> Refined {
+fn solved_on(rig: &Rig, keyframes: Vec<Keyframe>) -> MappingResult {
     let mut mapping = Mapping::new(rig, &Config::preset(Preset::Balanced));
     for keyframe in keyframes {
         mapping.add_keyframe(keyframe);
@@ -166,7 +166,7 @@ fn solved_on(rig: &Rig, keyframes: Vec<Keyframe>) -> Refined {
     mapping.optimize(|_| {})
 }
 
-fn farthest(refined: &Refined) -> f64 {
+fn farthest(refined: &MappingResult) -> f64 {
     let initial_error = |pose: &RefinedPose| {
         let (_, position) = truth(pose.number as usize - 1);
         (Vector3::from(pose.world_from_rig.translation_m()) - position).norm()
@@ -199,7 +199,7 @@ fn second_lap_closes_loops_with_the_first() {
     }
     assert!(farthest(&refined) < 5e-3, "{}", farthest(&refined));
     // With a loop closure the end is nearly as certain as the start.
-    let spread = |a: &Refined| {
+    let spread = |a: &MappingResult| {
         a.poses
             .last()
             .unwrap()

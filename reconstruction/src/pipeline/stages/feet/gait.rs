@@ -13,12 +13,12 @@ use super::super::pose_interpolation::pose_at;
 use super::super::soles::{edges, shoe};
 
 /// Where frames show both feet, and where these are at rest.
-pub(super) struct Observed {
+pub(super) struct FootTracks {
     pub(super) poses: [Vec<FootObservation>; 2],
     pub(super) stances: [Vec<Stance>; 2],
 }
 
-impl Observed {
+impl FootTracks {
     pub(super) fn new(
         rig: &RigModel,
         trajectory: &Trajectory,
@@ -41,7 +41,7 @@ pub(super) struct Gait {
 }
 
 impl Gait {
-    pub(super) fn new(rig: &RigModel, trajectory: &Trajectory, observed: Observed) -> Self {
+    pub(super) fn new(rig: &RigModel, trajectory: &Trajectory, observed: FootTracks) -> Self {
         let config = GaitConfig::default();
         let seen = [0, 1].map(|k: usize| FootStances {
             observations: &observed.poses[k],

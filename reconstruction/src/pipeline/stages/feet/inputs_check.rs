@@ -19,7 +19,7 @@ use scene_bundle::outputs::tag_detections::TagDetection;
 use super::super::soles::shoe;
 use super::super::tags::rig_state;
 use super::continuous::Continuous;
-use super::gait::Observed;
+use super::gait::FootTracks;
 use crate::pipeline::Findings;
 
 /// Rounds in which clocks are estimated: a late clock hides feet at rest.
@@ -29,7 +29,7 @@ const ROUNDS: usize = 4;
 pub(super) fn without_jumps(
     work: &Findings,
     trajectory: &Trajectory,
-    observed: &Observed,
+    observed: &FootTracks,
 ) -> Continuous {
     let [left, right] = &observed.poses;
     let stance = GaitConfig::default().stance;
@@ -71,7 +71,7 @@ pub(super) fn report_drift(
     rig: &RigModel,
     trajectory: &Trajectory,
     detections: &[TagDetection],
-    observed: &Observed,
+    observed: &FootTracks,
 ) {
     let config = ClockConfig::default();
     let cameras = (0..rig.cameras.len()).filter(|camera| shows_tags(detections, *camera));
@@ -102,9 +102,9 @@ pub(super) fn on_one_clock<'a>(
     rig: &RigModel,
     trajectory: &Trajectory,
     detections: &'a [TagDetection],
-) -> (Cow<'a, [TagDetection]>, Observed) {
+) -> (Cow<'a, [TagDetection]>, FootTracks) {
     let mut on_clock = Cow::Borrowed(detections);
-    let mut observed = Observed::new(rig, trajectory, detections);
+    let mut observed = FootTracks::new(rig, trajectory, detections);
     for (camera, name) in rig.cameras.iter().map(|own| &own.name).enumerate() {
         if !shows_tags(detections, camera) {
             continue;
@@ -119,7 +119,7 @@ pub(super) fn on_one_clock<'a>(
             1e3 * late.value,
             1e3 * late.sigma
         ));
-        observed = Observed::new(rig, trajectory, &moved);
+        observed = FootTracks::new(rig, trajectory, &moved);
         on_clock = Cow::Owned(moved);
     }
     (on_clock, observed)
@@ -144,12 +144,12 @@ impl Camera<'_> {
         self,
         trajectory: &Trajectory,
         detections: &[TagDetection],
-        observed: &Observed,
+        observed: &FootTracks,
     ) -> Option<(Estimate, Vec<TagDetection>)> {
         let config = ClockConfig::default();
         let at = |late_s: f64| {
             let moved = self.moved(detections, late_s);
-            let observed = Observed::new(self.rig, trajectory, &moved);
+            let observed = FootTracks::new(self.rig, trajectory, &moved);
             let frames = self.rest_frames(trajectory, &moved, &observed, any);
             (moved, frames)
         };
@@ -223,7 +223,7 @@ impl Camera<'_> {
         self,
         trajectory: &Trajectory,
         detections: &[TagDetection],
-        observed: &Observed,
+        observed: &FootTracks,
         counts: fn(&[Stance], usize) -> bool,
     ) -> Vec<Vec<RestFrame>> {
         let mut found = Vec::new();

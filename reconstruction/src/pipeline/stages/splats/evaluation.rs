@@ -7,8 +7,8 @@ use splats::{Background, Cells, Evaluation, Plane, Renderer, Scene, SplatError, 
 use super::comparison::{self, Comparison};
 use super::config::SplatsConfig;
 use super::images::HeldOutImages;
-use super::kept::{Kept, SectorBox};
-use super::trained::TrainedSector;
+use super::output_sectors::{OutputSector, SectorBox};
+use super::sector_result::SectorResult;
 use crate::pipeline::StageError;
 
 /// Quality in the held-out images of all sectors.
@@ -26,9 +26,9 @@ pub(super) struct HeldOutResult {
 /// Trained sectors before their common background.
 pub(super) struct Whole<'a> {
     pub(super) cells: &'a Cells,
-    pub(super) sectors: &'a [TrainedSector],
+    pub(super) sectors: &'a [SectorResult],
     /// Those with Gaussians.
-    pub(super) kept: &'a [Kept<'a>],
+    pub(super) kept: &'a [OutputSector<'a>],
     pub(super) background: &'a Background,
     pub(super) config: &'a SplatsConfig,
 }
@@ -101,7 +101,7 @@ impl Whole<'_> {
         let reach = bounds.widened(self.config.sectors.view_reach_m);
         let degree = first.part.splats.degree();
         let mut planes = vec![Vec::new(); Plane::count(degree)];
-        for Kept { part, .. } in self.kept {
+        for OutputSector { part, .. } in self.kept {
             let near = reach.indices(&part.splats);
             for (plane, of_part) in planes.iter_mut().zip(part.splats.planes()) {
                 plane.extend(near.iter().map(|index| of_part[*index]));

@@ -14,7 +14,7 @@ use crate::pipeline::{StageError, Work};
 pub(super) struct Images {
     pub(super) training: Vec<TrainingView>,
     pub(super) held_out: Vec<TrainingView>,
-    pub(super) found: Found,
+    pub(super) found: ImageSummary,
 }
 
 /// Held-out images that can be used.
@@ -26,7 +26,7 @@ pub(super) struct HeldOutImages {
 
 /// What was found in the images of a sector.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-pub(super) struct Found {
+pub(super) struct ImageSummary {
     /// Numbers of the views of the training, in order.
     pub(super) training: Vec<usize>,
     /// Numbers of the held-out views, in order.

@@ -13,7 +13,7 @@ use splats::{Background, Coverage, GrowthCheck, ObservedSpace, Part};
 
 use super::config::SplatsConfig;
 use super::evaluation::{HeldOutResult, Whole};
-use super::kept::Kept;
+use super::output_sectors::OutputSector;
 use crate::pipeline::StageError;
 
 /// Names of the settings and of the model of exposures.
@@ -93,7 +93,7 @@ pub(super) fn write_sectors(
 }
 
 /// Records of sectors.
-fn sectors(kept: &[Kept<'_>], index: &dyn Fn(&usize) -> usize) -> Vec<SplatSector> {
+fn sectors(kept: &[OutputSector<'_>], index: &dyn Fn(&usize) -> usize) -> Vec<SplatSector> {
     let neighbors = |sector: usize| -> Vec<SplatNeighbor> {
         let others = (0..kept.len()).filter(|other| *other != sector);
         let near = others.filter(|other| kept[sector].bounds.touches(&kept[*other].bounds));
@@ -103,7 +103,7 @@ fn sectors(kept: &[Kept<'_>], index: &dyn Fn(&usize) -> usize) -> Vec<SplatSecto
         })
         .collect()
     };
-    let sector = |(number, of): (usize, &Kept<'_>)| SplatSector {
+    let sector = |(number, of): (usize, &OutputSector<'_>)| SplatSector {
         min_m: of.bounds.min_m,
         max_m: of.bounds.max_m,
         count: of.part.splats.len(),

@@ -10,7 +10,7 @@ use super::checkpoint::{CheckpointFile, CheckpointFiles};
 use super::config::SplatsConfig;
 use super::fit::{self, On};
 use super::images::Images;
-use super::trained::{Expected, SectorViews, TrainedSector};
+use super::sector_result::{SectorResult, SectorSpec, SectorViews};
 use crate::pipeline::StageError;
 
 /// What the trainings of all sectors share.
@@ -34,23 +34,23 @@ impl Sectors<'_> {
         read: &mut dyn FnMut(usize) -> Result<Images, StageError>,
         on: &mut dyn FnMut() -> Result<On, StageError>,
         progress: &mut dyn FnMut(usize, fit::Progress),
-    ) -> Result<(Vec<TrainedSector>, Option<Vec<TrainingView>>), StageError> {
+    ) -> Result<(Vec<SectorResult>, Option<Vec<TrainingView>>), StageError> {
         let count = self.cells.count();
         let (mut all, mut held_out) = (Vec::with_capacity(count), None);
         for sector in 0..count {
             let file = self.checkpoints.of(sector, self.cells);
-            let expected = Expected {
+            let expected = SectorSpec {
                 sector,
                 cells: self.cells,
                 views: &self.views[sector],
                 config: self.config,
             };
-            if let Some(complete) = TrainedSector::read(&file, &expected) {
+            if let Some(complete) = SectorResult::read(&file, &expected) {
                 all.push(complete);
                 continue;
             }
             let images = read(sector)?;
-            let mut trained = TrainedSector {
+            let mut trained = SectorResult {
                 found: images.found,
                 part: None,
                 fell_back: None,
@@ -101,7 +101,7 @@ impl Sectors<'_> {
     fn train_one(
         &self,
         sector: usize,
-        trained: &mut TrainedSector,
+        trained: &mut SectorResult,
         (training, held_out): (Vec<TrainingView>, &[TrainingView]),
         (file, on): (&CheckpointFile, On),
         progress: &mut dyn FnMut(fit::Progress),

@@ -8,7 +8,7 @@ use super::fit;
 use super::images::{HeldOutImages, Images};
 use super::keyframes::{CameraKeyframes, ChosenKeyframe};
 use super::plan::Plan;
-use super::trained::SectorViews;
+use super::sector_result::SectorViews;
 use super::views::{Inputs, ViewMaker, view_number};
 use crate::input::Input;
 use crate::pipeline::{StageError, Work};

@@ -13,7 +13,7 @@ use serde_json::Value;
 use super::super::config;
 use super::Cut;
 use crate::case::Bench;
-use crate::exam::{Contents, Found, Promise, only_session};
+use crate::exam::{Contents, ExamResult, Promise, only_session};
 use crate::guest::Guest;
 use crate::image::{self, FileSystem};
 use crate::marks::{Mark, promise};
@@ -163,7 +163,7 @@ umount /run/archive && dmsetup remove lw || exit 7
         places.into_iter().zip(torn).collect()
     }
 
-    fn cut(&self, at: usize, torn: bool, found: Result<Found, String>) -> Cut {
+    fn cut(&self, at: usize, torn: bool, found: Result<ExamResult, String>) -> Cut {
         let mut cut = Cut {
             at: at as u64,
             torn,
@@ -196,7 +196,7 @@ pub(super) fn examine(
     job: &Path,
     reference: Option<&Path>,
     states: &[(PathBuf, Promise)],
-) -> Result<Vec<Result<Found, String>>> {
+) -> Result<Vec<Result<ExamResult, String>>> {
     let mut list = String::new();
     for (image, promise) in states {
         let image = image.file_name().context("an image without a name")?;
@@ -228,7 +228,7 @@ pub(super) fn examine(
     Ok(found)
 }
 
-fn parse(line: &str) -> Result<Result<Found, String>> {
+fn parse(line: &str) -> Result<Result<ExamResult, String>> {
     let mut said: Value =
         serde_json::from_str(line).with_context(|| format!("the guest said {line:?}"))?;
     match said["error"].as_str() {

@@ -15,7 +15,7 @@ use crate::backend::observation::{BearingObservation, Camera};
 use crate::backend::state::{POSITION, ROTATION, State, VELOCITY};
 use crate::backend::stereo::StereoVector;
 use crate::backend::window::{Frame, MotionFactor, Prior};
-use crate::inertial::imu_buffer::{Preintegrated, Reading};
+use crate::inertial::imu_buffer::{Preintegration, Reading};
 use crate::rig::StereoCamera;
 
 pub(crate) fn camera(yaw: f64, line_s: f64) -> Camera {
@@ -395,7 +395,7 @@ fn add_gyroscope(window: &mut Window, scale: &Vector3<f64>) {
             saturated: [false; 2],
         });
         window.frames[k].motion = Some(MotionFactor {
-            preintegrated: Preintegrated::new(&readings, &zero, &zero, &noise, &config),
+            preintegrated: Preintegration::new(&readings, &zero, &zero, &noise, &config),
             has_gravity: false,
             bias_walk: [1e-9; 2],
         });

@@ -23,7 +23,7 @@ fn readings(rate_hz: f64, seconds: f64) -> Vec<Reading> {
         .collect()
 }
 
-fn nine(a: &Preintegrated, b: &Preintegrated) -> Nine {
+fn nine(a: &Preintegration, b: &Preintegration) -> Nine {
     let mut out = Nine::zeros();
     out.fixed_rows_mut::<3>(0)
         .copy_from(&so3::log(&(a.rotation.inverse() * b.rotation)));
@@ -97,7 +97,7 @@ fn bias_jacobians_equal_finite_differences() {
         Vector3::new(0.01, -0.02, 0.03),
         Vector3::new(0.1, 0.2, -0.1),
     );
-    let here = Preintegrated::new(&readings, &bg, &ba, &NOISE, &InertialConfig::default());
+    let here = Preintegration::new(&readings, &bg, &ba, &NOISE, &InertialConfig::default());
     for k in 0..6 {
         let h = 1e-5;
         let mut d = SMatrix::<f64, 6, 1>::zeros();
@@ -106,7 +106,7 @@ fn bias_jacobians_equal_finite_differences() {
             d.fixed_rows::<3>(0).into_owned(),
             d.fixed_rows::<3>(3).into_owned(),
         );
-        let there = Preintegrated::new(
+        let there = Preintegration::new(
             &readings,
             &(bg + dg),
             &(ba + da),
@@ -149,7 +149,7 @@ fn lever_arm_gives_the_motion_of_the_body_origin() {
     let config = InertialConfig::default();
     let zero = Vector3::zeros();
     let moved = |gyro_bias: &Vector3<f64>, accel_bias: &Vector3<f64>| {
-        let motion = Preintegrated::new(&elsewhere, gyro_bias, accel_bias, &NOISE, &config);
+        let motion = Preintegration::new(&elsewhere, gyro_bias, accel_bias, &NOISE, &config);
         motion.at_body_origin(&LeverArm {
             arm,
             rates: [&body[0], &body[body.len() - 1]].map(|end| end.gyro - gyro_bias),
@@ -157,7 +157,7 @@ fn lever_arm_gives_the_motion_of_the_body_origin() {
             scale_error: 0.0,
         })
     };
-    let truth = Preintegrated::new(&body, &zero, &zero, &NOISE, &config);
+    let truth = Preintegration::new(&body, &zero, &zero, &NOISE, &config);
     let found = moved(&zero, &zero);
     assert!(
         nine(&truth, &found).amax() < 1e-5,
@@ -165,7 +165,7 @@ fn lever_arm_gives_the_motion_of_the_body_origin() {
         nine(&truth, &found)
     );
     // Without it the difference is that of a point on the plate.
-    let without = Preintegrated::new(&elsewhere, &zero, &zero, &NOISE, &config);
+    let without = Preintegration::new(&elsewhere, &zero, &zero, &NOISE, &config);
     assert!(nine(&truth, &without).amax() > 0.05);
     // The noise of the rates at both ends moves the arm.
     let sigma = (found.covariance[(3, 3)] - without.covariance[(3, 3)]).sqrt();
@@ -215,7 +215,7 @@ fn sensors_are_saturated_apart() {
 #[test]
 fn preintegration_converges_with_the_sample_rate() {
     let zero = Vector3::zeros();
-    let fine = Preintegrated::new(
+    let fine = Preintegration::new(
         &readings(20_000.0, 0.2),
         &zero,
         &zero,
@@ -223,7 +223,7 @@ fn preintegration_converges_with_the_sample_rate() {
         &InertialConfig::default(),
     );
     for (rate_hz, limit) in [(200.0, 2e-4), (800.0, 2e-5)] {
-        let coarse = Preintegrated::new(
+        let coarse = Preintegration::new(
             &readings(rate_hz, 0.2),
             &zero,
             &zero,

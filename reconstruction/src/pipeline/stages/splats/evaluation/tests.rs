@@ -3,8 +3,8 @@ use ::splats::{
 };
 use cad_transforms::RigidTransform;
 
-use super::super::images::Found;
-use super::super::kept::kept;
+use super::super::images::ImageSummary;
+use super::super::output_sectors::output_sectors;
 use super::*;
 use crate::pipeline::stages::preset::Preset;
 
@@ -48,7 +48,7 @@ fn held_out_images_that_are_not_those_of_the_training_are_an_error_with_the_fram
 }
 
 /// A sector with Gaussians at these x and z, m.
-fn sector(means: &[[f32; 2]]) -> TrainedSector {
+fn sector(means: &[[f32; 2]]) -> SectorResult {
     let mut splats = Splats::empty(0).expect("a degree");
     for [x, z] in means {
         let mut splat = Splat::sphere(0.1, [0.5; 3]);
@@ -66,8 +66,8 @@ fn sector(means: &[[f32; 2]]) -> TrainedSector {
         start_count: 0,
         checks: Vec::new(),
     };
-    TrainedSector {
-        found: Found::default(),
+    SectorResult {
+        found: ImageSummary::default(),
         part: (!means.is_empty()).then_some(part),
         fell_back: None,
     }
@@ -86,7 +86,7 @@ fn images_of_a_sector_are_compared_with_what_is_drawn_in_it() {
         &[],
     ];
     let sectors = means.map(sector);
-    let kept = kept(&cells, &sectors);
+    let kept = output_sectors(&cells, &sectors);
     assert_eq!(kept.iter().map(|of| of.cell).collect::<Vec<_>>(), [0, 1]);
     // Within the box of all: 2 to 90 m.
     assert_eq!(kept[0].bounds.min_m, [2.0, 0.0, 0.0]);

@@ -13,7 +13,7 @@ use serde_json::json;
 use super::super::evaluation::{HeldOutResult, Whole};
 use super::super::fit::Progress;
 use super::super::images::HeldOutImages;
-use super::super::kept::kept;
+use super::super::output_sectors::output_sectors;
 use super::super::tests::Lost;
 use super::*;
 use crate::pipeline::stages::preset::Preset;
@@ -139,7 +139,7 @@ fn train(
     cells: &Cells,
     config: &SplatsConfig,
     at: &mut dyn FnMut(usize, usize),
-) -> (Vec<TrainedSector>, Seen) {
+) -> (Vec<SectorResult>, Seen) {
     let checkpoints = CheckpointFiles {
         folder: folder.to_owned(),
         version: 3,
@@ -163,8 +163,8 @@ fn train(
     (trained.expect("trainings").0, seen)
 }
 
-fn evaluate(cells: &Cells, config: &SplatsConfig, sectors: &[TrainedSector]) -> HeldOutResult {
-    let kept = kept(cells, sectors);
+fn evaluate(cells: &Cells, config: &SplatsConfig, sectors: &[SectorResult]) -> HeldOutResult {
+    let kept = output_sectors(cells, sectors);
     let parts: Vec<&Part> = kept.iter().map(|of| of.part).collect();
     let whole = Whole {
         cells,
@@ -376,7 +376,7 @@ fn a_sector_without_gaussians_is_a_loss_with_its_cell() {
     let mut on = || On::new(Ok(None), false);
     let trained = sectors.train(&mut read, &mut on, &mut |_, _| {});
     let (trained, _) = trained.expect("trainings");
-    let kept = kept(&cells, &trained);
+    let kept = output_sectors(&cells, &trained);
     assert_eq!(kept.iter().map(|of| of.cell).collect::<Vec<_>>(), [0]);
     assert_eq!(trained[0].found.losses, [""; 0]);
     let loss = "sector 1 of 2: no Gaussian of its training is in its cell, x from 500.00 to inf m \

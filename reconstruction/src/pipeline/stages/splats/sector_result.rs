@@ -8,13 +8,13 @@ use splats::{Background, Cells, Part, Plane, SplatError};
 
 use super::checkpoint::CheckpointFile;
 use super::config::SplatsConfig;
-use super::images::Found;
+use super::images::ImageSummary;
 use crate::pipeline::StageError;
 
 /// A sector after its training.
 #[derive(Clone, Debug, PartialEq)]
-pub(super) struct TrainedSector {
-    pub(super) found: Found,
+pub(super) struct SectorResult {
+    pub(super) found: ImageSummary,
     /// At least one Gaussian; `None` where nothing could be trained or none is in the cell.
     pub(super) part: Option<Part>,
     /// Why the processor took over from the device.
@@ -29,7 +29,7 @@ pub(super) struct SectorViews {
 }
 
 /// What a trained sector is compared with.
-pub(super) struct Expected<'a> {
+pub(super) struct SectorSpec<'a> {
     pub(super) sector: usize,
     pub(super) cells: &'a Cells,
     pub(super) views: &'a SectorViews,
@@ -39,12 +39,12 @@ pub(super) struct Expected<'a> {
 /// What is text in the file of a complete sector.
 #[derive(Serialize, Deserialize)]
 struct Head {
-    found: Found,
+    found: ImageSummary,
     has_part: bool,
     fell_back: Option<String>,
 }
 
-impl TrainedSector {
+impl SectorResult {
     /// Whether there are enough images; a loss if there are some, but too few.
     pub(super) fn can_train(&mut self, min_images: usize) -> bool {
         let usable = self.found.training.len() + self.found.held_out.len();
@@ -69,7 +69,7 @@ impl TrainedSector {
     }
 
     /// Of a sector whose training is complete. What cannot be of it is discarded with a warning.
-    pub(super) fn read(file: &CheckpointFile, expected: &Expected<'_>) -> Option<Self> {
+    pub(super) fn read(file: &CheckpointFile, expected: &SectorSpec<'_>) -> Option<Self> {
         let bytes = file.read_complete()?;
         let trained = Self::from_bytes(&bytes).and_then(|trained| {
             expected.check(&trained)?;
@@ -118,13 +118,13 @@ impl TrainedSector {
     }
 }
 
-impl Expected<'_> {
+impl SectorSpec<'_> {
     /// Compares a sector with what is expected of it.
     ///
     /// # Errors
     /// [`SplatError::Checkpoint`] with what was found.
-    fn check(&self, trained: &TrainedSector) -> Result<(), SplatError> {
-        let Found {
+    fn check(&self, trained: &SectorResult) -> Result<(), SplatError> {
+        let ImageSummary {
             training, held_out, ..
         } = &trained.found;
         check_views("training", training, &self.views.training)?;

@@ -2,10 +2,10 @@
 
 use splats::{CellBox, Cells, Part, Plane, Splats};
 
-use super::trained::TrainedSector;
+use super::sector_result::SectorResult;
 
 /// A sector with Gaussians.
-pub(super) struct Kept<'a> {
+pub(super) struct OutputSector<'a> {
     /// Number of its cell.
     pub(super) cell: usize,
     pub(super) part: &'a Part,
@@ -23,17 +23,20 @@ pub(super) struct SectorBox {
 }
 
 /// Sectors with Gaussians, in order of their cells.
-pub(super) fn kept<'a>(cells: &Cells, sectors: &'a [TrainedSector]) -> Vec<Kept<'a>> {
+pub(super) fn output_sectors<'a>(
+    cells: &Cells,
+    sectors: &'a [SectorResult],
+) -> Vec<OutputSector<'a>> {
     let trained = sectors.iter().enumerate().filter_map(|(cell, sector)| {
         let part = sector.part.as_ref()?;
-        Some(Kept {
+        Some(OutputSector {
             cell,
             part,
             training: &sector.found.training,
             bounds: SectorBox::of(&part.splats),
         })
     });
-    let mut kept: Vec<Kept<'a>> = trained.collect();
+    let mut kept: Vec<OutputSector<'a>> = trained.collect();
     if let Some(all) = SectorBox::around(&kept) {
         for of in &mut kept {
             let cell = cells.bounds(of.cell);
@@ -69,7 +72,7 @@ impl SectorBox {
     }
 
     /// Around the boxes of all sectors; `None` without any.
-    pub(super) fn around(kept: &[Kept<'_>]) -> Option<Self> {
+    pub(super) fn around(kept: &[OutputSector<'_>]) -> Option<Self> {
         let boxes = kept.iter().map(|of| of.bounds);
         boxes.reduce(|a, b| Self {
             min_m: [0, 1, 2].map(|k| a.min_m[k].min(b.min_m[k])),

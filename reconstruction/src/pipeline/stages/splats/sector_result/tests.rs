@@ -43,16 +43,16 @@ fn coverage(count: usize, [voxel_m, range_m]: [f32; 2], sky_texels: usize) -> Co
 }
 
 /// The second of two sectors.
-fn trained() -> TrainedSector {
+fn trained() -> SectorResult {
     let of = config().coverage;
-    TrainedSector {
-        found: Found {
+    SectorResult {
+        found: ImageSummary {
             training: vec![20, 21, 24],
             held_out: vec![22],
             all: 5,
             inside: 4,
             masked: 1,
-            ..Found::default()
+            ..ImageSummary::default()
         },
         part: Some(Part {
             splats: splats(0, 14.0),
@@ -66,7 +66,7 @@ fn trained() -> TrainedSector {
 }
 
 /// What is read from a file with these bytes.
-fn read(bytes: &[u8]) -> Option<TrainedSector> {
+fn read(bytes: &[u8]) -> Option<SectorResult> {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("splats-001.checkpoint");
     let file = CheckpointFile::new(path, &json!({}), &[]);
@@ -76,16 +76,16 @@ fn read(bytes: &[u8]) -> Option<TrainedSector> {
         training: vec![18, 20, 21, 24, 25],
         held_out: vec![22, 23],
     };
-    let expected = Expected {
+    let expected = SectorSpec {
         sector: 1,
         cells: &cells(),
         views: &views,
         config: &config(),
     };
-    TrainedSector::read(&file, &expected)
+    SectorResult::read(&file, &expected)
 }
 
-type Forge = fn(&mut TrainedSector, &mut Part);
+type Forge = fn(&mut SectorResult, &mut Part);
 
 /// Each with a hash that is right.
 #[test]
@@ -141,7 +141,7 @@ fn files_of_complete_sectors_that_no_training_wrote_are_discarded() {
     // Bytes before and after.
     for length in 0..bytes.len() {
         assert!(
-            TrainedSector::from_bytes(&bytes[..length]).is_err(),
+            SectorResult::from_bytes(&bytes[..length]).is_err(),
             "{length}"
         );
     }
