@@ -18,6 +18,9 @@ const LIMIT: Duration = Duration::from_secs(300);
 /// How long it may take to close.
 const CLOSE_LIMIT: Duration = Duration::from_secs(5);
 
+/// How often an element is tapped that moves between the look at its place and the tap.
+const TAPS: usize = 20;
+
 /// Draws in software what a page draws with WebGL.
 const SOFTWARE: [&str; 3] = [
     "--use-gl=angle",
@@ -268,16 +271,27 @@ impl Browser {
                 .then(() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done))))
                 .then(() => 0)",
         );
-        let place = self.value(&format!(
-            "(() => {{ const e = document.querySelector({selector:?}); e.scrollIntoView({{block: 'center'}}); \
-             const r = e.getBoundingClientRect(); return [r.x + r.width / 2, r.y + r.height / 2]; }})()"
-        ));
-        for kind in ["mousePressed", "mouseReleased"] {
-            let params = json!({
-                "type": kind, "x": place[0], "y": place[1], "button": "left", "clickCount": 1,
-            });
-            self.call("Input.dispatchMouseEvent", params);
+        for _ in 0..TAPS {
+            let place = self.value(&format!(
+                "(() => {{ const e = document.querySelector({selector:?}); \
+                 e.scrollIntoView({{block: 'center'}}); window.isTapped = false; \
+                 e.addEventListener('click', () => {{ window.isTapped = true; }}, \
+                 {{once: true, capture: true}}); \
+                 const r = e.getBoundingClientRect(); \
+                 return [r.x + r.width / 2, r.y + r.height / 2]; }})()"
+            ));
+            for kind in ["mousePressed", "mouseReleased"] {
+                let params = json!({
+                    "type": kind, "x": place[0], "y": place[1], "button": "left", "clickCount": 1,
+                });
+                self.call("Input.dispatchMouseEvent", params);
+            }
+            // Another page has no such variable.
+            if self.value("window.isTapped ?? true") == json!(true) {
+                return;
+            }
         }
+        panic!("{TAPS} taps missed {selector}");
     }
 
     /// Screenshot of the viewport as a PNG file; of the whole page if `whole`.
