@@ -24,10 +24,11 @@ use cad_transforms::RigidTransform;
 use estimator_config::config;
 use nalgebra::{UnitQuaternion, Vector3};
 
+use super::data::{Missing, SceneData};
 use super::gaussians::GaussianSource;
 use super::sector::{Area, Recording, Sector, SectorEdge};
 use super::similarity::Similarity;
-use super::{Missing, SceneData, rigid};
+use super::similarity::rigid;
 use crate::error::SimulationError;
 
 config! {

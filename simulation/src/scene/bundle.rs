@@ -15,10 +15,10 @@ use scene_bundle::outputs::{self, maps};
 use scene_bundle::{BundleError, OutputReader, Scene};
 
 use self::recording::{cameras, references, view};
+use super::data::{Missing, SceneData};
 use super::gaussians::{BundleGaussians, GaussianSource, indices_in_box};
 use super::sector::{Area, Recording, Sector, SectorEdge};
 use super::similarity::Similarity;
-use super::{Missing, SceneData};
 use crate::error::SimulationError;
 
 config! {

@@ -5,24 +5,12 @@
 //! side of areas that touch, in the middle of areas that overlap. The owner changes when the place
 //! is the hysteresis beyond that, so that an agent on the border does not flicker between frames.
 
+pub(super) mod config;
+
 use cad_transforms::RigidTransform;
-use estimator_config::config;
 
-use super::sector::SectorEdge;
-use super::{SceneData, Sector};
-
-config! {
-    /// When an agent changes its sector.
-    pub struct CrossingConfig {
-        /// How far beyond the border the owner changes, m: two cells of 4 cm. Less than the noise
-        /// of a controller lets agents flicker between sectors; more moves the crossing away from
-        /// where both sectors are known best.
-        pub hysteresis_m: f64 = 0.08,
-        /// Half of the width of the band around the border in which images of sectors from
-        /// different recordings are cross-faded, m. Not more than the overlap.
-        pub fade_m: f64 = 0.5,
-    }
-}
+use super::data::SceneData;
+use super::sector::{Sector, SectorEdge};
 
 /// A pose in a sector.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -5,9 +5,11 @@ use std::path::Path;
 use serde::Deserialize;
 
 use super::beogym;
+use super::bundle::{self, BundleConfig};
+use super::data::SceneData;
+use super::graph;
 use super::sector::{Area, SectorEdge};
 use super::similarity::Similarity;
-use super::{BundleConfig, SceneData, bundle, graph};
 use crate::error::SimulationError;
 
 /// Value of `format` in the file, and its version.
@@ -129,7 +131,7 @@ pub(super) fn open(path: &Path, config: &BundleConfig) -> Result<SceneData, Simu
                 .any(|other| other.from == from && other.to == to)
         };
         if !is_listed(&entry.to, &entry.from) {
-            edges.push((to, reverse(from, &edge)));
+            edges.push((to, graph::reverse(from, &edge)));
         }
         edges.push((from, edge));
     }
@@ -147,16 +149,6 @@ fn renamed(sector: &str, part: &str, entry: &str) -> String {
         Some("") => entry.to_owned(),
         Some(rest) if rest.starts_with('/') => format!("{entry}{rest}"),
         _ => format!("{entry}/{sector}"),
-    }
-}
-
-/// The edge back to a sector.
-pub(super) fn reverse(from: usize, edge: &SectorEdge) -> SectorEdge {
-    SectorEdge {
-        to: from,
-        to_from_here: edge.to_from_here.inverse(),
-        overlap: graph::carried_area(&edge.overlap, &edge.to_from_here),
-        ..edge.clone()
     }
 }
 

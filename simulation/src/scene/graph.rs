@@ -195,5 +195,15 @@ pub(super) fn carried_area(area: &Area, to_from_here: &Similarity) -> Area {
     }
 }
 
+/// The edge back to a sector.
+pub(super) fn reverse(from: usize, edge: &SectorEdge) -> SectorEdge {
+    SectorEdge {
+        to: from,
+        to_from_here: edge.to_from_here.inverse(),
+        overlap: carried_area(&edge.overlap, &edge.to_from_here),
+        ..edge.clone()
+    }
+}
+
 #[cfg(test)]
 mod tests;

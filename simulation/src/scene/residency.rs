@@ -6,7 +6,7 @@
 //! makes others leave that are needed. Otherwise those used longest ago leave. What failed is an
 //! error of the call that needs the sector; the next such call tries again.
 
-mod content;
+pub(super) mod content;
 mod shared;
 
 use std::collections::BTreeMap;
@@ -16,9 +16,9 @@ use std::thread::JoinHandle;
 
 use estimator_config::config;
 
-pub use self::content::SectorGaussians;
+use self::content::SectorGaussians;
 use self::shared::{Loader, Shared, Slot, State, load};
-use super::SceneData;
+use super::data::SceneData;
 use crate::error::SimulationError;
 
 config! {

@@ -141,7 +141,8 @@ impl Tracking {
     }
 }
 
-/// One pose per causal pose, interpolated between refined keyframes; see [`RefinedWalk::trajectory`].
+/// One pose per causal pose, interpolated between refined keyframes; see
+/// [`RefinedWalk::trajectory`].
 /// `odom` are the poses of the same frame sets in the odom frame.
 ///
 /// # Errors

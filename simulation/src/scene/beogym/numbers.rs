@@ -6,7 +6,7 @@ use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
 
 use super::wrong;
 use crate::error::SimulationError;
-use crate::scene::Similarity;
+use crate::scene::similarity::Similarity;
 
 /// Largest deviation of `RᵀR` from a multiple of the identity: numpy prints eight digits.
 const ORTHONORMAL_TOLERANCE: f64 = 1e-4;

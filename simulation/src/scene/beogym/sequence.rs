@@ -15,9 +15,11 @@ use super::maps::normals;
 use super::numbers::array;
 use super::{BeogymConfig, Sector, Similarity, read, splats, text, wrong};
 use crate::error::SimulationError;
+use crate::scene::data::{Missing, SceneData};
 use crate::scene::gaussians::GaussianSource;
 use crate::scene::measures::complete;
-use crate::scene::{Area, Missing, Recording, SceneData, SectorEdge, file, hash};
+use crate::scene::sector::{Area, Recording, SectorEdge};
+use crate::scene::{graph, hash};
 
 pub(super) const FILE: &str = "sequence.json";
 const FORMAT: &str = "beogym-sequence";
@@ -156,7 +158,7 @@ pub(super) fn open(folder: &Path, config: &BeogymConfig) -> Result<SceneData, Si
             residual_m: None,
             is_imported: true,
         };
-        let back = file::reverse(from, &edge);
+        let back = graph::reverse(from, &edge);
         sectors[from].edges.push(edge);
         sectors[to].edges.push(back);
     }

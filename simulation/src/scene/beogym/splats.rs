@@ -12,7 +12,7 @@ use splats::{Background, Scene};
 use super::numbers::rotation_and_scale;
 use super::{BeogymConfig, carried, wrong};
 use crate::error::SimulationError;
-use crate::scene::Similarity;
+use crate::scene::similarity::Similarity;
 
 /// Color behind Gaussians that were trained without a sky.
 const BACKGROUND: [f32; 3] = [0.0; 3];

@@ -5,7 +5,7 @@ use camera_models::Eye;
 use scene_bundle::outputs;
 use scene_bundle::outputs::rig::RigModel;
 
-use crate::scene::{RecordedView, Recording, RecordingCamera};
+use crate::scene::sector::{RecordedView, Recording, RecordingCamera};
 
 /// Both cameras of each stereo camera.
 pub(super) fn cameras(rig: &RigModel) -> Vec<RecordingCamera> {

@@ -8,7 +8,7 @@ use splats::{DetailConfig, DetailScene};
 
 use super::content::SectorGaussians;
 use crate::error::SimulationError;
-use crate::scene::SceneData;
+use crate::scene::data::SceneData;
 
 pub(super) struct Shared {
     pub(super) scene: Arc<SceneData>,
