@@ -15,8 +15,8 @@
 //! The slope g of the depth is that of its conditional mean given the pixel, from the covariance of
 //! both under the affine projection at the mean: with `S` the covariance in the image before
 //! dilation and `c` that of pixel and depth `g = f (S + δ I)⁻¹ c`. The factor `f ≤ 1` bounds the
-//! depth: `√(gᵀ (S + ε I) g)` is at most a share of `z - near`, divided by the extent of the ellipse
-//! of an opaque Gaussian in standard deviations. Depth is that at the reference time of a shutter.
+//! depth: `√(gᵀ (S + ε I) g)` is at most a share of `z - near`, over the extent of the ellipse of
+//! an opaque Gaussian in standard deviations. Depth is that at the reference time of a shutter.
 //!
 //! ```
 //! use cad_transforms::RigidTransform;

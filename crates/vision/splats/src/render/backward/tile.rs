@@ -27,6 +27,26 @@ pub(in crate::render) struct Slot {
     pub(super) weight: f32,
 }
 
+impl Slot {
+    #[inline(always)]
+    pub(super) fn add(&mut self, other: &Self) {
+        for k in 0..6 {
+            self.moments[k] += other.moments[k];
+        }
+        for k in 0..2 {
+            self.absolute[k] += other.absolute[k];
+        }
+        for k in 0..4 {
+            self.color[k] += other.color[k];
+        }
+        for k in 0..2 {
+            self.slope[k] += other.slope[k];
+        }
+        self.error += other.error;
+        self.weight += other.weight;
+    }
+}
+
 pub(super) struct TileBackward<'a> {
     pub(super) footprints: &'a [Footprint],
     pub(super) entries: &'a [u32],

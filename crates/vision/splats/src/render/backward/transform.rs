@@ -8,9 +8,11 @@
 
 mod factors;
 mod lens;
+mod motion;
 
 use factors::{Factors, quaternion_gradient};
 use lens::add_lens;
+use motion::{motion, times_transposed};
 use rayon::prelude::*;
 
 use super::tile::Slot;
@@ -388,71 +390,10 @@ impl Transform<'_> {
     }
 }
 
-impl Slot {
-    #[inline(always)]
-    fn add(&mut self, other: &Self) {
-        for k in 0..6 {
-            self.moments[k] += other.moments[k];
-        }
-        for k in 0..2 {
-            self.absolute[k] += other.absolute[k];
-        }
-        for k in 0..4 {
-            self.color[k] += other.color[k];
-        }
-        for k in 0..2 {
-            self.slope[k] += other.slope[k];
-        }
-        self.error += other.error;
-        self.weight += other.weight;
-    }
-}
-
 struct ByImage<V> {
     mean: [V; 2],
     root: [[V; 3]; 2],
     depth_root: [V; 3],
     z: V,
     opacity: V,
-}
-
-/// Row times the transpose of a matrix.
-#[inline(always)]
-fn times_transposed<V: Lanes>(row: &[V; 3], matrix: &[[V; 3]; 3]) -> [V; 3] {
-    [
-        dot(row, &matrix[0]),
-        dot(row, &matrix[1]),
-        dot(row, &matrix[2]),
-    ]
-}
-
-/// Gradients with respect to the camera's motion `p → p - v - ω × p`.
-#[inline(always)]
-fn motion<V: Lanes>(
-    place: &Placement<V>,
-    linear: &Linear<V>,
-    rotation: &[[V; 3]; 3],
-    by_camera: &[[V; 3]; 3],
-    by_point: &[V; 3],
-    by_direction: &[V; 3],
-) -> [V; 6] {
-    let p = &place.p;
-    let turned = times_transposed(by_direction, rotation);
-    let [j, h] = &linear.jacobian;
-    let [m, n, d] = by_camera;
-    // Rotation of the covariance: antisymmetric part of the Jacobian and its gradient; the row of
-    // the Jacobian that is depth is 0 0 1.
-    let twist = [
-        m[2] * j[1] + n[2] * h[1] - m[1] * j[2] - n[1] * h[2] - d[1],
-        d[0] + m[0] * j[2] + n[0] * h[2] - m[2] * j[0] - n[2] * h[0],
-        m[1] * j[0] + n[1] * h[0] - m[0] * j[1] - n[0] * h[1],
-    ];
-    [
-        -(by_point[0] + turned[0]),
-        -(by_point[1] + turned[1]),
-        -(by_point[2] + turned[2]),
-        twist[0] - (p[1] * by_point[2] - p[2] * by_point[1]),
-        twist[1] - (p[2] * by_point[0] - p[0] * by_point[2]),
-        twist[2] - (p[0] * by_point[1] - p[1] * by_point[0]),
-    ]
 }
