@@ -141,7 +141,7 @@ pub fn cases() -> Vec<Case> {
     out.push(Case {
         name: "bounded slope",
         scene: Scene {
-            splats: random_splats(11, 2000, 1),
+            splats: random_splats(2, 2000, 1),
             background: color(),
         },
         camera: camera(size, Distortion::None)
