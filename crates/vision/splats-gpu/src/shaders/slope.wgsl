@@ -30,9 +30,9 @@ fn symmetric(matrix: vec3<f32>, v: vec2<f32>) -> vec2<f32> {
 // `shape` is that of the root with the dilation of the image.
 fn slope_of(root: Rows, depth_root: vec3<f32>, shape: Shape, z: f32) -> Slope {
     var out: Slope;
-    let undilated = dilated(root, view.bound.z);
-    let over = 1.0 / undilated.determinant;
-    let covariance = undilated.covariance;
+    let damped = dilated(root, view.bound.z);
+    let over = 1.0 / damped.determinant;
+    let covariance = damped.covariance;
     out.inverse = vec3<f32>(covariance.z, -covariance.y, covariance.x) * over;
     let with_depth = vec2<f32>(dot(root.first, depth_root), dot(root.second, depth_root));
     out.free = symmetric(out.inverse, with_depth);
@@ -50,7 +50,9 @@ fn slope_of(root: Rows, depth_root: vec3<f32>, shape: Shape, z: f32) -> Slope {
 }
 
 // From the gradient with respect to the slope.
-fn slope_gradient(slope: Slope, by: vec2<f32>, root: Rows, depth_root: vec3<f32>, z: f32) -> BySlope {
+fn slope_gradient(
+    slope: Slope, by: vec2<f32>, root: Rows, depth_root: vec3<f32>, z: f32,
+) -> BySlope {
     var out: BySlope;
     var by_free = slope.factor * by;
     var along = 0.0;

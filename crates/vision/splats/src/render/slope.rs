@@ -56,9 +56,9 @@ impl<V: Lanes> Slope<V> {
         (view, config): (&View, &RenderConfig),
     ) -> Self {
         let s = V::splat;
-        let undilated = Shape::new(root, config.slope_dilation_px2);
-        let over = s(1.0) / undilated.determinant;
-        let [xx, xy, yy] = undilated.covariance;
+        let damped = Shape::new(root, config.slope_dilation_px2);
+        let over = s(1.0) / damped.determinant;
+        let [xx, xy, yy] = damped.covariance;
         let inverse = [yy * over, -xy * over, xx * over];
         let (x, y) = (dot(&root[0], depth_root), dot(&root[1], depth_root));
         let free = symmetric(&inverse, &[x, y]);
