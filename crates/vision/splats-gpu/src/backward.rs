@@ -13,7 +13,7 @@ use crate::frame::{Encoded, Frame};
 use crate::kernel::Kernel;
 use crate::memory::Store;
 use crate::scene::GpuScene;
-use crate::shaders::{COMMON, GEOMETRY, HARMONICS, LENS, SKY, THREADS};
+use crate::shaders::{COMMON, GEOMETRY, HARMONICS, LENS, SKY, SLOPE, THREADS};
 
 const PIXELS: &str = include_str!("shaders/pixels.wgsl");
 const TEXELS: &str = include_str!("shaders/texels.wgsl");
@@ -26,7 +26,7 @@ pub(crate) const GRADIENT_PLANES: usize = 6;
 /// Planes that the gradients of a tile start from.
 const START_PLANES: usize = 6;
 /// Sums of a slot.
-const SLOT: usize = 14;
+const SLOT: usize = 16;
 /// Planes beside those of the parameters.
 pub(crate) const EXTRAS: usize = 11;
 /// Sums of a tile, and of all.
@@ -58,7 +58,7 @@ impl Backward {
     pub(crate) fn new(gpu: &Gpu) -> Result<Self, GpuError> {
         let store = |what, len| Store::new(gpu, what, len);
         let totals = |name| Kernel::new(gpu, name, &[COMMON, TOTALS]);
-        let transform = [COMMON, LENS, GEOMETRY, HARMONICS, TRANSFORM];
+        let transform = [COMMON, LENS, GEOMETRY, SLOPE, HARMONICS, TRANSFORM];
         Ok(Self {
             start_pixels: Kernel::new(gpu, "start_pixels", &[COMMON, SKY, PIXELS])?,
             sum_texels: Kernel::new(gpu, "sum_texels", &[COMMON, SKY, TEXELS])?,

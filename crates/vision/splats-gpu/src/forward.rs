@@ -10,7 +10,7 @@ use crate::frame::{Encoded, Frame, IMAGE_PLANES, status};
 use crate::kernel::Kernel;
 use crate::memory::{Download, floats};
 use crate::scene::GpuScene;
-use crate::shaders::{COMMON, GEOMETRY, HARMONICS, LENS, SKY, THREADS};
+use crate::shaders::{COMMON, GEOMETRY, HARMONICS, LENS, SKY, SLOPE, THREADS};
 use crate::sort::Sorter;
 use crate::view::View;
 
@@ -86,7 +86,7 @@ impl GpuRenderer {
             project: Kernel::new(
                 gpu,
                 "project",
-                &[COMMON, LENS, GEOMETRY, HARMONICS, PROJECT],
+                &[COMMON, LENS, GEOMETRY, SLOPE, HARMONICS, PROJECT],
             )?,
             count_tiles: bins("count_tiles")?,
             list_pairs: bins("list_pairs")?,

@@ -64,8 +64,8 @@ impl View {
             bound: [
                 config.min_shear,
                 -2.0 * config.min_alpha.ln() * 1.001,
-                0.0,
-                0.0,
+                config.slope_dilation_px2,
+                config.max_slope_share / (-2.0 * config.min_alpha.ln()).sqrt(),
             ],
             exposure: exposure.matrix,
             ..Self::zeroed()

@@ -24,6 +24,14 @@ config! {
         /// Accumulated alpha below which a pixel has no expected depth, and no median depth below a
         /// half by definition.
         pub min_depth_alpha: f32 = 0.1,
+        /// Variance that is added to a Gaussian's covariance in the image before the slope of its
+        /// depth is taken, px². More damps the slope of discs that are thinner than a pixel, less
+        /// lets the slope of edge-on discs grow.
+        pub slope_dilation_px2: f32 = 0.03,
+        /// Largest change of a Gaussian's depth over its pixels, as a share of the distance of its
+        /// mean from `near_m`. 0: the depth of a Gaussian is that of its mean. In two trained
+        /// scenes 0.2 had smaller errors than 0.1 (medians) and than 0.5 (95th percentiles).
+        pub max_slope_share: f32 = 0.2,
         /// Nearest depth that is rendered, m. A Gaussian whose mean is nearer is not rendered.
         pub near_m: f32 = 0.05,
         /// Farthest depth that is rendered, m.

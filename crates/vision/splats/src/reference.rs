@@ -7,10 +7,16 @@
 //!
 //! For each pixel `u`, over Gaussians in the order of their depth z: `σ = ½ dᵀ Q d` with `d = u -
 //! m`, `α = min(max_alpha, o exp(-σ))`, skipped below `min_alpha`; color, depth and transmittance
-//! are `C += T α c`, `D += T α z`, `T ← T (1 - α)`; a Gaussian that would take T to
+//! are `C += T α c`, `D += T α (z + gᵀ d)`, `T ← T (1 - α)`; a Gaussian that would take T to
 //! `min_transmittance` or below ends the pixel and is left out. Accumulated alpha is `1 - T`, the
-//! expected depth `D / (1 - T)`, the median depth the z of the Gaussian that takes T to a half or
-//! below.
+//! expected depth `D / (1 - T)`, the median depth the `z + gᵀ d` of the Gaussian that takes T to a
+//! half or below.
+//!
+//! The slope g of the depth is that of its conditional mean given the pixel, from the covariance of
+//! both under the affine projection at the mean: with `S` the covariance in the image before
+//! dilation and `c` that of pixel and depth `g = f (S + δ I)⁻¹ c`. The factor `f ≤ 1` bounds the
+//! depth: `√(gᵀ (S + ε I) g)` is at most a share of `z - near`, over the extent of the ellipse of
+//! an opaque Gaussian in standard deviations. Depth is that at the reference time of a shutter.
 //!
 //! ```
 //! use cad_transforms::RigidTransform;
@@ -37,7 +43,9 @@
 mod backward;
 mod footprint;
 mod forward;
+mod lens;
 mod scene;
+mod slope;
 #[cfg(test)]
 pub(crate) mod tests;
 

@@ -20,6 +20,7 @@ mod image;
 mod order;
 mod project;
 mod rays;
+mod slope;
 #[cfg(test)]
 mod tests;
 mod view;

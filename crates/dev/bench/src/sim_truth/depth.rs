@@ -9,7 +9,7 @@ use simulation::{
     Area, CameraBatch, CameraConfig, FrameRequest, Frames, GaussianSource, GaussianStore, Quality,
     Recording, ResidencyConfig, SceneData, Sector,
 };
-use splats::Scene;
+use splats::{Scene, TrainingView};
 
 use crate::splats::views::{Part, TestView, ViewOptions, WalkViews};
 use crate::splats::{fit, off_path};
@@ -44,12 +44,16 @@ pub(super) fn measure(walk: Walk, quick: bool) -> Result<Value> {
     let config = fit::config("fast", Some(steps))?;
     let training = views.recorded(Part::Training, &options)?;
     let validation = views.recorded(Part::Validation, &options)?;
+    let measured = measured(&views, &training, &options)?;
     let fit = fit::fit(training, &validation, &config, (&[], 1))?;
     let references = views.poses(Part::Training)?;
     let references = references.into_iter().map(|(.., pose)| pose).collect();
     let count = fit.scene.splats.len();
     let store = store(fit.scene, config.render.compensate, references)?;
     let (fx, baseline_m) = stereo(&views, &tests)?;
+    let bounds = RANGES_M.windows(2).zip(measured);
+    let measured = bounds.map(|(bound, errors)| range(bound, errors, fx * baseline_m));
+    let measured: Vec<Value> = measured.collect();
     let mut rows = Vec::new();
     for (name, quality) in [("exact", Quality::Exact), ("detail", Quality::Detail)] {
         let mut groups: Vec<(f64, Vec<Vec<f64>>, [usize; 2])> = Vec::new();
@@ -82,6 +86,7 @@ pub(super) fn measure(walk: Walk, quick: bool) -> Result<Value> {
         "views": tests.len(),
         "fx_px": fx,
         "baseline_m": baseline_m,
+        "measured": measured,
         "rows": rows,
     }))
 }
@@ -102,10 +107,7 @@ fn add_errors(
     let pose = camera.camera_from_world().inverse();
     batch.render(&[FrameRequest::new(0, pose)], &mut frames)?;
     for (pixel, true_m) in test.view.depth_m.iter().map(|z| f64::from(*z)).enumerate() {
-        let bin = RANGES_M
-            .windows(2)
-            .position(|own| own[0] <= true_m && true_m < own[1]);
-        let Some(bin) = bin else {
+        let Some(bin) = range_of(true_m) else {
             continue;
         };
         if !frames.has_depth[pixel] {
@@ -116,6 +118,35 @@ fn add_errors(
         ranges[bin].push((f64::from(frames.depth_m[pixel]) - true_m).abs());
     }
     Ok(())
+}
+
+/// Errors of the depth from which the scene is trained, by the range of the true depth, m.
+fn measured(
+    views: &WalkViews,
+    training: &[TrainingView],
+    options: &ViewOptions,
+) -> Result<Vec<Vec<f64>>> {
+    let mut ranges = vec![Vec::new(); RANGES_M.len() - 1];
+    // Left images, each followed by its right one.
+    let truth = views.truth(Part::Training, options)?;
+    for (own, truth) in training.iter().step_by(2).zip(&truth) {
+        for (found_m, true_m) in own.depth_m.iter().zip(&truth.view.depth_m) {
+            let (found_m, true_m) = (f64::from(*found_m), f64::from(*true_m));
+            if let Some(bin) = range_of(true_m)
+                && found_m > 0.0
+                && found_m.is_finite()
+            {
+                ranges[bin].push((found_m - true_m).abs());
+            }
+        }
+    }
+    Ok(ranges)
+}
+
+/// Number of the range of a depth.
+fn range_of(depth_m: f64) -> Option<usize> {
+    let mut ranges = RANGES_M.windows(2);
+    ranges.position(|own| own[0] <= depth_m && depth_m < own[1])
 }
 
 /// Quantiles of the errors of a range, with its goal: that of its middle.

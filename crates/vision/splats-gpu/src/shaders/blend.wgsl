@@ -43,7 +43,8 @@ fn blend(
         if (next <= view.limits.x) {
             break;
         }
-        let z = footprints[splat].z;
+        let slope = footprints[splat].slope;
+        let z = fma(slope.x, d.x, footprints[splat].z + slope.y * d.y);
         color += weight * footprints[splat].color;
         depth = fma(weight, z, depth);
         if (transmittance > 0.5 && next <= 0.5) {

@@ -28,7 +28,8 @@ struct View {
     shape: vec4<f32>,
     // Smallest transmittance, smallest alpha with a depth, nearest and farthest depth.
     limits: vec4<f32>,
-    // Smallest shear, reach of an opaque Gaussian.
+    // Smallest shear, reach of an opaque Gaussian, dilation of the slope of depth, and the largest
+    // standard deviation of depth as a share of the distance from the nearest one.
     bound: vec4<f32>,
     // Rows of the exposure.
     exposure: array<vec4<f32>, 3>,
@@ -43,11 +44,12 @@ struct Footprint {
     conic: vec4<f32>,
     color: vec3<f32>,
     opacity: f32,
-    // m; 0 where it is not visible.
+    // Depth of the mean, m; 0 where it is not visible.
     z: f32,
     // `dᵀ Q d` at which alpha falls to its minimum.
     reach: f32,
-    unused: vec2<f32>,
+    // Change of depth along x and y, m/px.
+    slope: vec2<f32>,
 }
 
 const TILE: u32 = 16u;

@@ -59,12 +59,15 @@ struct Shape {
 
 // The determinant without cancellation: `det(N Nᵀ)` is the sum of the squares of the minors of N.
 fn shape_of(root: Rows) -> Shape {
+    return dilated(root, view.shape.x);
+}
+
+fn dilated(root: Rows, e: f32) -> Shape {
     var out: Shape;
     let xx = dot(root.first, root.first);
     let xy = dot(root.first, root.second);
     let yy = dot(root.second, root.second);
     let minors = cross(root.first, root.second);
-    let e = view.shape.x;
     out.still = dot(minors, minors);
     out.determinant = e * (xx + yy + e) + out.still;
     out.covariance = vec3<f32>(xx + e, xy, yy + e);

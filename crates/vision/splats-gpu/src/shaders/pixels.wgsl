@@ -7,7 +7,8 @@
 @group(0) @binding(2) var<storage, read> gradient: array<f32>;
 @group(0) @binding(3) var<storage, read> sky: array<f32>;
 @group(0) @binding(4) var<storage, read> rays: array<f32>;
-// Planes: red, green, blue, `Σ w z`, what lies behind the first Gaussian, error.
+// Planes: red, green, blue, sum of weights times depths, what lies behind the first Gaussian,
+// error.
 @group(0) @binding(5) var<storage, read_write> start: array<f32>;
 // Per tile: twelve of the exposure's matrix, three of one background color, and one unused.
 @group(0) @binding(6) var<storage, read_write> of_tile: array<f32>;

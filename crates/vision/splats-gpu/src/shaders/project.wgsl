@@ -85,6 +85,8 @@ fn project(@builtin(global_invocation_id) id: vec3<u32>) {
     out.opacity = opacity;
     out.z = p.z;
     out.reach = reach;
+    let depth_root = (view.rotation[2].xyz * axes) * scale;
+    out.slope = slope_of(root, depth_root, shape, p.z).value;
     footprints[index] = out;
     keys[index] = bitcast<u32>(p.z);
     atomicAdd(&status[3], 1u);

@@ -1,6 +1,6 @@
 // Gradients of a tile: the sums over its pixels for each of its Gaussians, front to back, into the
 // slot of the pair. With `s = ∂L/∂σ` and `d = u - m`: `s`, `s d`, `s d dᵀ`, absolute values of the
-// gradient with respect to the mean, color and depth, error, weight.
+// gradient with respect to the mean, color and depth, error, weight, the slope of depth.
 //
 // A thread has a pixel and blends a few Gaussians; then a thread has a Gaussian and some pixels.
 
@@ -12,12 +12,14 @@
 @group(0) @binding(5) var<storage, read> start: array<f32>;
 @group(0) @binding(6) var<storage, read_write> slots: array<f32>;
 
-const SLOT: u32 = 14u;
+const SLOT: u32 = 16u;
 // Gaussians at a time, and threads of each.
 const BATCH: u32 = 7u;
 const SHARE: u32 = 32u;
+// Threads that have a Gaussian.
+const SUMMING: u32 = 224u;
 
-// Weight and `s` of each pixel; then partial sums of each thread: 14 x 256.
+// Weight and `s` of each pixel: 14 x 256; then partial sums of each thread: 16 x 224.
 var<workgroup> shared_values: array<f32, 3584>;
 var<workgroup> live: atomic<u32>;
 var<workgroup> is_live: u32;
@@ -79,7 +81,9 @@ fn sum_pixels(
                     if (next <= view.limits.x) {
                         open = false;
                     } else {
-                        let values = vec4<f32>(footprints[splat].color, footprints[splat].z);
+                        let slope = footprints[splat].slope;
+                        let z = fma(slope.x, d.x, footprints[splat].z + slope.y * d.y);
+                        let values = vec4<f32>(footprints[splat].color, z);
                         let own = dot(color, values);
                         weight = product;
                         behind -= weight * own;
@@ -98,8 +102,10 @@ fn sum_pixels(
         workgroupBarrier();
         var sums = gather(group.xy, thread, entry, end);
         workgroupBarrier();
-        for (var k = 0u; k < SLOT; k++) {
-            shared_values[k * 256u + thread] = sums[k];
+        if (thread < SUMMING) {
+            for (var k = 0u; k < SLOT; k++) {
+                shared_values[k * SUMMING + thread] = sums[k];
+            }
         }
         workgroupBarrier();
         // A thread per Gaussian and sum.
@@ -108,7 +114,7 @@ fn sum_pixels(
             let sum_of = thread % SLOT;
             var sum = 0.0;
             for (var k = 0u; k < SHARE; k++) {
-                sum += shared_values[sum_of * 256u + item * SHARE + k];
+                sum += shared_values[sum_of * SUMMING + item * SHARE + k];
             }
             if (entry + item < end) {
                 slots[entries[entry + item] * SLOT + sum_of] = sum;
@@ -124,8 +130,8 @@ fn sum_pixels(
 }
 
 // Sums over the eight pixels of a thread for its Gaussian of the batch.
-fn gather(group: vec2<u32>, thread: u32, entry: u32, end: u32) -> array<f32, 14> {
-    var sums: array<f32, 14>;
+fn gather(group: vec2<u32>, thread: u32, entry: u32, end: u32) -> array<f32, 16> {
+    var sums: array<f32, 16>;
     let item = thread / SHARE;
     if (item >= BATCH || entry + item >= end) {
         return sums;
@@ -158,6 +164,9 @@ fn gather(group: vec2<u32>, thread: u32, entry: u32, end: u32) -> array<f32, 14>
         }
         sums[12] += weight * start[5u * pixels + pixel];
         sums[13] += weight;
+        let by_depth = weight * start[3u * pixels + pixel];
+        sums[14] += by_depth * d.x;
+        sums[15] += by_depth * d.y;
     }
     return sums;
 }

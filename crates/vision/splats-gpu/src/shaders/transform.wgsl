@@ -1,6 +1,7 @@
 // From the slots of a Gaussian to the gradients of its parameters and of the camera's motion. The
 // root of the covariance in the image is `N = S J R A diag(s)`: shear of the shutter, lens, camera,
-// axes, scales. With G the gradient of the covariance, that of the root is `2 G N`.
+// axes, scales. With G the gradient of the covariance, that of the root is `2 G N`. The root of the
+// depth, the row of depth of `R A diag(s)`, is a third row that neither lens nor shutter change.
 
 @group(0) @binding(0) var<uniform> view: View;
 @group(0) @binding(1) var<storage, read> planes: array<f32>;
@@ -13,7 +14,7 @@
 // Planes: whether the Gaussian is visible, absolute values (two), error, weight, motion (six).
 @group(0) @binding(7) var<storage, read_write> extras: array<f32>;
 
-const SLOT: u32 = 14u;
+const SLOT: u32 = 16u;
 const EXTRAS: u32 = 11u;
 // Half the step of the differences of a distorted lens's Jacobian, as a share of the distance.
 const LENS_STEP: f32 = 4e-3;
@@ -37,8 +38,8 @@ fn put3(index: u32, splat: u32, value: vec3<f32>) {
 }
 
 // Sums of the slots, tile by tile.
-fn sum_of(rank: u32) -> array<f32, 14> {
-    var sums: array<f32, 14>;
+fn sum_of(rank: u32) -> array<f32, 16> {
+    var sums: array<f32, 16>;
     let end = min(first_pair[rank + 1u], view.counts.z);
     for (var pair = first_pair[rank]; pair < end; pair++) {
         for (var k = 0u; k < SLOT; k++) {
@@ -51,11 +52,15 @@ fn sum_of(rank: u32) -> array<f32, 14> {
 struct ByImage {
     mean: vec2<f32>,
     root: Rows,
+    depth_root: vec3<f32>,
+    z: f32,
     opacity: f32,
 }
 
-// Gradients with respect to mean, root and opacity before compensation.
-fn image_gradient(sums: array<f32, 14>, root: Rows, opacity: f32) -> ByImage {
+// Gradients with respect to mean, roots, depth and opacity before compensation.
+fn image_gradient(
+    sums: array<f32, 16>, root: Rows, depth_root: vec3<f32>, z: f32, opacity: f32,
+) -> ByImage {
     var out: ByImage;
     let shape = shape_of(root);
     let inverse = 1.0 / shape.determinant;
@@ -77,11 +82,16 @@ fn image_gradient(sums: array<f32, 14>, root: Rows, opacity: f32) -> ByImage {
         let dilation = view.shape.x * inverse;
         g += by_square * vec3<f32>(rest * a - dilation, rest * b, rest * c - dilation);
     }
+    let slope = slope_of(root, depth_root, shape, z);
+    let by_slope = slope_gradient(slope, vec2<f32>(sums[14], sums[15]), root, depth_root, z);
     out.root = Rows(
-        2.0 * (g.x * root.first + g.y * root.second),
-        2.0 * (g.y * root.first + g.z * root.second),
+        2.0 * (g.x * root.first + g.y * root.second) + by_slope.root.first,
+        2.0 * (g.y * root.first + g.z * root.second) + by_slope.root.second,
     );
-    out.mean = -vec2<f32>(a * sums[1] + b * sums[2], b * sums[1] + c * sums[2]);
+    out.depth_root = by_slope.depth_root;
+    out.z = sums[11] + by_slope.z;
+    out.mean = -vec2<f32>(a * sums[1] + b * sums[2], b * sums[1] + c * sums[2])
+        - slope.value * sums[11];
     out.opacity = by_opacity * compensation;
     return out;
 }
@@ -220,35 +230,43 @@ fn to_parameters(@builtin(global_invocation_id) id: vec3<u32>) {
     let axes = axes_of(quaternion);
     let in_world = Rows(linear.first * rotation, linear.second * rotation);
     let still = Rows((in_world.first * axes) * scale, (in_world.second * axes) * scale);
+    let depth_row = view.rotation[2].xyz;
+    let depth_root = (depth_row * axes) * scale;
     let opacity = sigmoid(plane(10u, splat));
-    var by_point = vec3<f32>(0.0, 0.0, sums[11]);
+    var by_point = vec3<f32>(0.0);
     var by_jacobian = Rows(vec3<f32>(0.0), vec3<f32>(0.0));
     var mean: vec2<f32>;
     var by_root: Rows;
+    var by_depth_root: vec3<f32>;
     var by_opacity: f32;
     if (view.kinds.y != 0u) {
         let shear = shear_of(p, linear);
-        let by = image_gradient(sums, sheared(shear, still), opacity);
+        let by = image_gradient(sums, sheared(shear, still), depth_root, p.z, opacity);
         let unsheared = shear_gradient(shear, by, still, linear);
         mean = unsheared.mean;
         by_root = unsheared.root;
         by_jacobian = unsheared.jacobian;
-        by_point += unsheared.point;
+        by_point = unsheared.point + vec3<f32>(0.0, 0.0, by.z);
+        by_depth_root = by.depth_root;
         by_opacity = by.opacity;
     } else {
-        let by = image_gradient(sums, still, opacity);
+        let by = image_gradient(sums, still, depth_root, p.z, opacity);
         mean = by.mean;
         by_root = by.root;
+        by_point.z = by.z;
+        by_depth_root = by.depth_root;
         by_opacity = by.opacity;
     }
     // Scales, axes, lens in the axes of the world.
-    let by_scale = by_root.first * still.first + by_root.second * still.second;
+    let by_scale = by_root.first * still.first + by_root.second * still.second
+        + by_depth_root * depth_root;
     let first = by_root.first * scale;
     let second = by_root.second * scale;
+    let third = by_depth_root * scale;
     let by_axes = mat3x3<f32>(
-        in_world.first * first.x + in_world.second * second.x,
-        in_world.first * first.y + in_world.second * second.y,
-        in_world.first * first.z + in_world.second * second.z,
+        in_world.first * first.x + in_world.second * second.x + depth_row * third.x,
+        in_world.first * first.y + in_world.second * second.y + depth_row * third.y,
+        in_world.first * first.z + in_world.second * second.z + depth_row * third.z,
     );
     // Rows times the transposes of the axes and of the rotation.
     let by_camera = Rows(rotation * (axes * first), rotation * (axes * second));
@@ -263,7 +281,10 @@ fn to_parameters(@builtin(global_invocation_id) id: vec3<u32>) {
     put(10u, splat, by_opacity * opacity * (1.0 - opacity));
 
     // The camera's motion `p → p - v - ω × p`; the twist is the rotation of the covariance.
-    let twist = cross(by_camera.first, linear.first) + cross(by_camera.second, linear.second);
+    // The row of the Jacobian that is depth is 0 0 1.
+    let by_depth_row = rotation * (axes * third);
+    let twist = cross(by_camera.first, linear.first) + cross(by_camera.second, linear.second)
+        + cross(by_depth_row, vec3<f32>(0.0, 0.0, 1.0));
     let moved = -(by_point + rotation * by_direction);
     let turned = -twist - cross(p, by_point);
     let n = view.counts.x;

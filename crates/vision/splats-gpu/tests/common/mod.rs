@@ -136,16 +136,36 @@ pub fn cases() -> Vec<Case> {
             config: smooth(compensate),
         });
     }
+    let mut bounded = smooth(true);
+    bounded.max_slope_share = 0.02;
+    out.push(Case {
+        name: "bounded slope",
+        scene: Scene {
+            splats: random_splats(2, 2000, 1),
+            background: color(),
+        },
+        camera: camera(size, Distortion::None)
+            .with_shutter(shutter())
+            .unwrap(),
+        config: bounded,
+    });
     out
 }
 
 /// One renderer per configuration of [`cases`]: the device compiles the kernels of each.
 #[derive(Debug, Default)]
-pub struct Renderers([Option<GpuRenderer>; 2]);
+pub struct Renderers(Vec<(RenderConfig, GpuRenderer)>);
 
 impl Renderers {
     pub fn of(&mut self, gpu: &Gpu, config: RenderConfig) -> &mut GpuRenderer {
-        let renderer = &mut self.0[usize::from(config.compensate)];
-        renderer.get_or_insert_with(|| GpuRenderer::new(gpu, config).unwrap())
+        let at = match self.0.iter().position(|(own, _)| *own == config) {
+            Some(at) => at,
+            None => {
+                self.0
+                    .push((config, GpuRenderer::new(gpu, config).unwrap()));
+                self.0.len() - 1
+            }
+        };
+        &mut self.0[at].1
     }
 }

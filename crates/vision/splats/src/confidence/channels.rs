@@ -50,7 +50,7 @@ pub struct CoverageImage {
     pub magnification: Vec<f32>,
     /// Share of the ray to the surface through which no view looked.
     pub space: Vec<f32>,
-    /// Spread of the Gaussians' depths, relative to their mean.
+    /// Spread of the Gaussians' depths at the pixel, relative to their mean.
     pub spread: Vec<f32>,
     /// Mean squared error of color in the views of the training.
     pub squared_error: Vec<f32>,
@@ -78,7 +78,6 @@ struct OfCamera {
     angle: f32,
     few: f32,
     octaves: f32,
-    depth: f32,
     squared_error: f32,
     depth_error: f32,
 }
@@ -155,7 +154,6 @@ impl Coverage {
                 angle: (seen.directions.angle_rad(to_camera) - SPACING_RAD).max(0.0),
                 few: f32::from(u8::from(seen.instants < FEW_INSTANTS)),
                 octaves: libm::log2f(magnification).clamp(0.0, MAX_OCTAVES),
-                depth: z,
                 squared_error: seen.color_error * seen.color_error,
                 depth_error: seen.depth_error,
             }
@@ -163,7 +161,7 @@ impl Coverage {
         let of_camera: Vec<OfCamera> = entries.collect();
         let mut of_pixel = [Sums::default(); TILE * TILE];
         renderer.visit_weights(pass, tile, |at| {
-            of_pixel[at.cell].add(at.weight, &of_camera[at.entry]);
+            of_pixel[at.cell].add(at.weight, at.depth, &of_camera[at.entry]);
         });
         of_pixel
     }
@@ -200,13 +198,13 @@ impl Coverage {
 }
 
 impl Sums {
-    fn add(&mut self, weight: f32, of: &OfCamera) {
+    fn add(&mut self, weight: f32, depth: f32, of: &OfCamera) {
         self.weight += weight;
         self.angle += weight * of.angle;
         self.few += weight * of.few;
         self.octaves += weight * of.octaves;
-        self.depth += weight * of.depth;
-        self.squared_depth += weight * of.depth * of.depth;
+        self.depth += weight * depth;
+        self.squared_depth += weight * depth * depth;
         self.squared_error += weight * of.squared_error;
         if of.depth_error.is_finite() {
             self.depth_error_weight += weight;

@@ -100,7 +100,7 @@ fn weights_sum_to_the_alpha_of_the_image() {
         assert!(z.is_sorted());
         renderer.visit_weights(&pass, tile, |at| {
             alpha[at.pixel] += at.weight;
-            depth[at.pixel] += at.weight * z[at.entry];
+            depth[at.pixel] += at.weight * at.depth;
         });
     }
     for (pixel, alpha) in alpha.iter().enumerate() {

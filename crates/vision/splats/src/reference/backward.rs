@@ -56,6 +56,7 @@ pub fn backward(
         opacity: 0.0,
         color: Vector3::zeros(),
         z: 0.0,
+        slope: Vector2::zeros(),
     };
     let mut of_footprints: Vec<_> = footprints.iter().map(|_| zero()).collect();
     let mut gradients = Gradients {
@@ -110,11 +111,13 @@ fn ray_backward(
     // What lies behind the present Gaussian: its color and depth times their gradients.
     let mut behind = 0.0;
     for c in ray.contributions.iter().rev() {
-        let own = g.dot(&c.of.color) + g_depth * c.of.z;
+        let own = g.dot(&c.of.color) + g_depth * c.z;
         let weight = c.transmittance * c.alpha;
         let out = &mut of_footprints[position[c.of.index]];
         out.color += g * weight;
         out.z += g_depth * weight;
+        out.slope += c.d * (g_depth * weight);
+        out.mean -= c.of.slope.value * (g_depth * weight);
         let by_alpha = c.transmittance * own
             - (behind + ray.transmittance * g_transmittance) / (1.0 - c.alpha);
         behind += weight * own;

@@ -2,20 +2,20 @@
 
 use nalgebra::{Matrix2, Matrix2x3, Matrix3, Vector2, Vector3, Vector4};
 
+use super::lens::{Linear, linearize};
 use super::scene::Scene;
+use super::slope::Slope;
 use crate::camera::Camera;
 use crate::config::RenderConfig;
 use crate::scene::{Plane, coefficients};
 use gaussians::harmonics;
 
-/// Step of the differences of a distorted lens's Jacobian, as a share of the depth.
-const LENS_STEP: f64 = 1e-5;
-
 /// A Gaussian in an image, with what its gradient needs.
 pub(super) struct Footprint {
     pub(super) index: usize,
-    /// Depth along the optical axis, m.
+    /// Depth of the mean along the optical axis, m.
     pub(super) z: f64,
+    pub(super) slope: Slope,
     /// Mean, px.
     pub(super) mean: Vector2<f64>,
     /// Inverse covariance, px⁻².
@@ -29,17 +29,12 @@ pub(super) struct Footprint {
     still_mean: Vector2<f64>,
     /// Covariance without shutter and without dilation, px².
     still_covariance: Matrix2<f64>,
+    /// Covariance of pixel and depth without shutter, m px.
+    still_with_depth: Vector2<f64>,
     compensation: f64,
     /// The compensation's lower bound holds.
     is_bounded: bool,
     rolling: Option<Rolling>,
-}
-
-/// Linearization of the lens at a point.
-struct Linear {
-    jacobian: Matrix2x3<f64>,
-    /// Derivatives of the Jacobian with respect to the point.
-    by_point: [Matrix2x3<f64>; 3],
 }
 
 /// A rolling shutter at one Gaussian.
@@ -63,7 +58,21 @@ pub(super) struct FootprintGradient {
     pub(super) conic: Matrix2<f64>,
     pub(super) opacity: f64,
     pub(super) color: Vector3<f64>,
+    /// With respect to the depth of the mean.
     pub(super) z: f64,
+    pub(super) slope: Vector2<f64>,
+}
+
+/// Gradients with respect to what there is without shutter.
+struct WithoutShutter {
+    mean: Vector2<f64>,
+    covariance: Matrix2<f64>,
+    /// With respect to the covariance of pixel and depth.
+    with_depth: Vector2<f64>,
+    /// With respect to the lens's Jacobian, the part of the shutter.
+    jacobian: Matrix2x3<f64>,
+    /// With respect to the point, the parts of the shutter and of the depth.
+    point: Vector3<f64>,
 }
 
 /// All visible Gaussians, by depth; those of equal depth by index.
@@ -89,8 +98,10 @@ fn project(
     }
     let (still_mean, linear) = linearize(camera, p, config)?;
     let rotation = pose.rotation().to_rotation_matrix().into_inner();
-    let root = linear.jacobian * rotation * axes(scene, index);
+    let in_camera = rotation * axes(scene, index);
+    let root = linear.jacobian * in_camera;
     let still_covariance = root * root.transpose();
+    let still_with_depth = root * in_camera.row(2).transpose();
     let rolling = match camera.shutter() {
         None => None,
         Some(shutter) => {
@@ -122,6 +133,7 @@ fn project(
     let sheared = moving * still_covariance * moving.transpose();
     let covariance = sheared + Matrix2::identity() * f64::from(config.dilation_px2);
     let conic = covariance.try_inverse()?;
+    let slope = Slope::new(&sheared, &(moving * still_with_depth), p.z, config)?;
     let floor = f64::from(config.min_compensation);
     let square = (sheared.determinant() / covariance.determinant()).max(0.0);
     let (compensation, is_bounded) = match config.compensate {
@@ -135,6 +147,7 @@ fn project(
     Some(Footprint {
         index,
         z: p.z,
+        slope,
         mean,
         conic,
         opacity,
@@ -143,6 +156,7 @@ fn project(
         linear,
         still_mean,
         still_covariance,
+        still_with_depth,
         compensation,
         is_bounded,
         rolling,
@@ -152,73 +166,6 @@ fn project(
 /// Rotation times scales: the covariance's root.
 fn axes(scene: &Scene, index: usize) -> Matrix3<f64> {
     scene.rotation(index) * Matrix3::from_diagonal(&scene.scale(index))
-}
-
-/// Pixel of a point and the lens's linearization there.
-fn linearize(
-    camera: &Camera,
-    p: Vector3<f64>,
-    config: &RenderConfig,
-) -> Option<(Vector2<f64>, Linear)> {
-    let model = camera.model();
-    if model.distortion != camera_models::Distortion::None {
-        return linearize_lens(camera, p, config);
-    }
-    let mean = Vector2::new(
-        model.fx * p.x / p.z + model.cx,
-        model.fy * p.y / p.z + model.cy,
-    );
-    let mut jacobian = Matrix2x3::zeros();
-    let mut by_point = [Matrix2x3::zeros(); 3];
-    let sizes = [model.width, model.height];
-    let (focals, centers) = ([model.fx, model.fy], [model.cx, model.cy]);
-    for k in 0..2 {
-        let (f, center, size) = (focals[k], centers[k], f64::from(sizes[k]));
-        let beyond = f64::from(config.margin) * size + 0.5;
-        let slope = p[k] / p.z;
-        let bounded = slope.clamp((-beyond - center) / f, (size - 1.0 + beyond - center) / f);
-        jacobian[(k, k)] = f / p.z;
-        jacobian[(k, 2)] = -f * bounded / p.z;
-        by_point[2][(k, k)] = -f / (p.z * p.z);
-        if bounded == slope {
-            by_point[k][(k, 2)] = -f / (p.z * p.z);
-            by_point[2][(k, 2)] = 2.0 * f * slope / (p.z * p.z);
-        } else {
-            by_point[2][(k, 2)] = f * bounded / (p.z * p.z);
-        }
-    }
-    Some((mean, Linear { jacobian, by_point }))
-}
-
-fn linearize_lens(
-    camera: &Camera,
-    p: Vector3<f64>,
-    config: &RenderConfig,
-) -> Option<(Vector2<f64>, Linear)> {
-    let at = |p: Vector3<f64>| camera.lens().project_with_jacobians(p.into());
-    let here = at(p)?;
-    let sizes = [camera.model().width, camera.model().height];
-    for (pixel, size) in here.pixel.into_iter().zip(sizes.map(f64::from)) {
-        let beyond = f64::from(config.margin) * size + 0.5;
-        if !(-beyond..=size - 1.0 + beyond).contains(&pixel) {
-            return None;
-        }
-    }
-    let step = LENS_STEP * p.z;
-    let mut by_point = [Matrix2x3::zeros(); 3];
-    for (k, by) in by_point.iter_mut().enumerate() {
-        let beside = |sign: f64| {
-            let mut q = p;
-            q[k] += sign * step;
-            at(q)
-        };
-        // At the edge of the lens's domain the Jacobian is taken as constant.
-        if let (Some(after), Some(before)) = (beside(1.0), beside(-1.0)) {
-            *by = (after.by_point - before.by_point) / (2.0 * step);
-        }
-    }
-    let jacobian = here.by_point;
-    Some((here.pixel.into(), Linear { jacobian, by_point }))
 }
 
 /// Color towards the camera; which channels are above 0; direction and distance from the camera.
@@ -262,17 +209,21 @@ impl Footprint {
             .rotation()
             .to_rotation_matrix()
             .into_inner();
-        let (mean, covariance, mut g_jacobian, mut g_p) = self.without_shutter(config, gradient);
+        let by = self.without_shutter(config, gradient);
+        let (mut g_jacobian, mut g_p) = (by.jacobian, by.point);
         let root = axes(scene, index);
         let v = rotation * root * root.transpose() * rotation.transpose();
-        g_jacobian += 2.0 * covariance * jacobian * v;
-        g_p += jacobian_of_mean(camera, self).transpose() * mean;
+        g_jacobian += 2.0 * by.covariance * jacobian * v + by.with_depth * v.row(2);
+        g_p += jacobian_of_mean(camera, self).transpose() * by.mean;
         for (k, by) in self.linear.by_point.iter().enumerate() {
             g_p[k] += g_jacobian.dot(by);
         }
-        g_p.z += gradient.z;
-
-        let g_v = jacobian.transpose() * covariance * jacobian;
+        let mut g_v = jacobian.transpose() * by.covariance * jacobian;
+        let depth_column = jacobian.transpose() * by.with_depth * 0.5;
+        for k in 0..3 {
+            g_v[(k, 2)] += depth_column[k];
+            g_v[(2, k)] += depth_column[k];
+        }
         let via_direction = self.color_backward(scene, camera, gradient.color, planes);
         let g_position = rotation.transpose() * g_p + via_direction;
         for k in 0..3 {
@@ -293,15 +244,14 @@ impl Footprint {
         (velocity, -self.p.cross(&g_p) + 2.0 * twist)
     }
 
-    /// Gradients with respect to mean and covariance without shutter, and the part of the shutter
-    /// in those with respect to the lens's Jacobian and the point.
     fn without_shutter(
         &self,
         config: &RenderConfig,
         gradient: &FootprintGradient,
-    ) -> (Vector2<f64>, Matrix2<f64>, Matrix2x3<f64>, Vector3<f64>) {
+    ) -> WithoutShutter {
+        let by_slope = self.slope.backward(&gradient.slope);
         let q = self.conic;
-        let mut g = -q * gradient.conic * q;
+        let mut g = by_slope.covariance - q * gradient.conic * q;
         if !self.is_bounded {
             let (rho, det) = (self.compensation, q.determinant());
             let by_rho = gradient.opacity * self.opacity / rho;
@@ -310,12 +260,19 @@ impl Footprint {
             g += inner * (0.5 * by_rho / rho);
         }
         let Some(r) = &self.rolling else {
-            return (gradient.mean, g, Matrix2x3::zeros(), Vector3::zeros());
+            return WithoutShutter {
+                mean: gradient.mean,
+                covariance: g,
+                with_depth: by_slope.with_depth,
+                jacobian: Matrix2x3::zeros(),
+                point: Vector3::z() * (gradient.z + by_slope.z),
+            };
         };
         let moving = Matrix2::identity() + r.v * r.g.transpose() * r.stretch;
         let g_mean = moving.transpose() * gradient.mean;
         let g_covariance = moving.transpose() * g * moving;
-        let g_moving = 2.0 * g * moving * self.still_covariance;
+        let g_moving = 2.0 * g * moving * self.still_covariance
+            + by_slope.with_depth * self.still_with_depth.transpose();
         let change = r.g * (r.stretch * r.stretch);
         let g_velocity = gradient.mean * (r.stretch * r.time)
             + change * (r.time * gradient.mean.dot(&r.v))
@@ -323,7 +280,13 @@ impl Footprint {
             + change * r.v.dot(&(g_moving * r.g));
         let g_jacobian = -g_velocity * r.u.transpose();
         let g_u: Vector3<f64> = -self.linear.jacobian.transpose() * g_velocity;
-        (g_mean, g_covariance, g_jacobian, g_u.cross(&r.rate))
+        WithoutShutter {
+            mean: g_mean,
+            covariance: g_covariance,
+            with_depth: moving.transpose() * by_slope.with_depth,
+            jacobian: g_jacobian,
+            point: g_u.cross(&r.rate) + Vector3::z() * (gradient.z + by_slope.z),
+        }
     }
 
     /// The harmonics' gradients; returns the position's through the direction.

@@ -30,6 +30,8 @@ pub(super) struct Contribution<'a> {
     pub(super) of: &'a Footprint,
     /// Pixel minus mean.
     pub(super) d: Vector2<f64>,
+    /// Depth at the pixel.
+    pub(super) z: f64,
     /// `exp(-σ)`.
     pub(super) falloff: f64,
     pub(super) alpha: f64,
@@ -44,7 +46,7 @@ pub(super) struct Ray<'a> {
     pub(super) transmittance: f64,
     /// Color without background.
     pub(super) color: Vector3<f64>,
-    /// `Σ w z`.
+    /// Sum of weights times depths.
     pub(super) depth: f64,
     pub(super) median_depth: f64,
 }
@@ -125,14 +127,16 @@ pub(super) fn blend<'a>(
         }
         let weight = transmittance * alpha;
         ray.color += of.color * weight;
-        ray.depth += of.z * weight;
+        let z = of.z + of.slope.value.dot(&d);
+        ray.depth += z * weight;
         if transmittance > 0.5 && next <= 0.5 {
-            ray.median_depth = of.z;
+            ray.median_depth = z;
         }
         ray.transmittance = next;
         ray.contributions.push(Contribution {
             of,
             d,
+            z,
             falloff,
             alpha,
             transmittance,

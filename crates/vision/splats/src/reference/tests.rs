@@ -136,6 +136,18 @@ fn cases() -> Vec<Case> {
             camera((24, 18), fisheye).with_shutter(shutter()).unwrap(),
             true,
         ),
+        Case {
+            config: RenderConfig {
+                max_slope_share: 0.02,
+                ..smooth(true)
+            },
+            ..case(
+                "bounded slope",
+                scene(8, 1),
+                pinhole().with_shutter(shutter()).unwrap(),
+                true,
+            )
+        },
         case("sky", under_sky, pinhole(), false),
     ]
 }
@@ -361,6 +373,74 @@ fn median_depth_is_that_of_a_surface_and_expected_depth_the_mean() {
     assert!((image.alpha[0] - sum).abs() < 1e-9);
     assert!((image.expected_depth_m[0] - mean).abs() < 1e-9);
     assert_eq!(image.median_depth_m[0], 2.0);
+}
+
+#[test]
+fn a_slanted_disc_has_the_depth_of_its_plane_up_to_its_bound() {
+    let tilt = 70_f64.to_radians();
+    let position = Vector3::new(0.2, -0.1, 2.0);
+    let mut disc = Splat::sphere(0.05, [0.5; 3]);
+    disc.position_m = [0.2, -0.1, 2.0];
+    disc.log_scale[2] = -8.0;
+    disc.rotation_wxyz = [
+        (0.5 * tilt).cos() as f32,
+        (0.5 * tilt).sin() as f32,
+        0.0,
+        0.0,
+    ];
+    disc.opacity_logit = 9.0;
+    let mut splats = Splats::empty(0).unwrap();
+    splats.push(&disc).unwrap();
+    let scene = Scene::from(&crate::Scene {
+        splats,
+        background: crate::Background::Constant([0.0; 3]),
+    });
+    let normal = Vector3::new(0.0, -tilt.sin(), tilt.cos());
+    let fisheye = Distortion::KannalaBrandt4 {
+        k1: 0.03,
+        k2: -0.01,
+        k3: 0.002,
+        k4: 0.0,
+    };
+    let config = |slope_dilation_px2: f32, max_slope_share: f32| RenderConfig {
+        slope_dilation_px2,
+        max_slope_share,
+        ..RenderConfig::default()
+    };
+    for distortion in [Distortion::None, fisheye] {
+        let model = CameraModel::new((96, 72), [200.0, 200.0, 47.0, 35.0], distortion);
+        let camera = Camera::new(model, RigidTransform::identity()).unwrap();
+        // Errors against the plane, and depths, m.
+        let depths = |config: &RenderConfig| {
+            let image = render(&scene, &camera, &Exposure::NONE, config);
+            let (mut errors, mut all) = (Vec::new(), Vec::new());
+            for (i, (u, _)) in pixels(&scene, &camera).enumerate() {
+                let depth = image.median_depth_m[i];
+                if depth.is_nan() {
+                    continue;
+                }
+                let ray = Vector3::from(camera.lens().unproject(u.into()).unwrap());
+                let expected = normal.dot(&position) / normal.dot(&ray) * ray.z;
+                errors.push((depth - expected).abs());
+                all.push(depth);
+            }
+            all.sort_by(f64::total_cmp);
+            (errors.into_iter().fold(0.0, f64::max), all)
+        };
+        let (error, all) = depths(&config(1e-3, 0.5));
+        let change = all[all.len() - 1] - all[0];
+        assert!(
+            all.len() > 20 && change > 0.08 && error < 0.004,
+            "{} pixels, {change} m, worst {error} m",
+            all.len()
+        );
+        // A mean for all, and a tenth of the distance at most within the ellipse.
+        let (error, all) = depths(&config(1e-3, 0.0));
+        assert!(error > 0.04 && all.iter().all(|z| (z - 2.0).abs() < 1e-6));
+        let (_, all) = depths(&config(1e-3, 0.02));
+        let change = all[all.len() - 1] - all[0];
+        assert!((0.01..0.08).contains(&change), "{change} m");
+    }
 }
 
 #[test]

@@ -25,7 +25,7 @@ pub(super) struct TileImage {
     pub(super) transmittance: Cells,
     /// Without background and exposure.
     pub(super) rgb: [Cells; 3],
-    /// `Σ w z`, m.
+    /// Sum of weights times depths, m.
     pub(super) depth: Cells,
     /// m; 0 where there is none.
     pub(super) median: Cells,
@@ -70,6 +70,8 @@ pub(super) struct Local<V> {
     b: f32,
     half_c: f32,
     opacity: V,
+    z: f32,
+    slope: [f32; 2],
 }
 
 impl<V: Lanes> Local<V> {
@@ -84,6 +86,8 @@ impl<V: Lanes> Local<V> {
             b: f.conic[1],
             half_c: 0.5 * f.conic[2],
             opacity: V::splat(f.opacity),
+            z: f.z,
+            slope: f.slope,
         }
     }
 
@@ -91,6 +95,16 @@ impl<V: Lanes> Local<V> {
     #[inline(always)]
     pub(super) fn offset(&self, cell: usize) -> (V, f32) {
         (self.dx[cell / TILE], self.dy + (cell % TILE) as f32)
+    }
+
+    /// Depth in a cell, m.
+    #[inline(always)]
+    pub(super) fn depth(&self, cell: usize) -> V {
+        let (dx, dy) = self.offset(cell);
+        dx.mul_add(
+            V::splat(self.slope[0]),
+            V::splat(self.z + self.slope[1] * dy),
+        )
     }
 
     /// Opacity times `exp(-σ)` in a cell.
@@ -231,12 +245,13 @@ impl Kernel for Blend<'_> {
                 add(&mut out.rgb[0][cell], weight, s(f.color[0]));
                 add(&mut out.rgb[1][cell], weight, s(f.color[1]));
                 add(&mut out.rgb[2][cell], weight, s(f.color[2]));
-                add(&mut out.depth[cell], weight, s(f.z));
+                let z = local.depth(cell);
+                add(&mut out.depth[cell], weight, z);
                 let after = skipped.select(before, kept.select(next, -before.abs()));
                 let crossed = s(0.5).less(before).and_not(s(0.5).less(after)).and(kept);
                 if crossed.bits() != 0 {
                     let median = &mut out.median[cell];
-                    crossed.select(s(f.z), V::load(median)).store(median);
+                    crossed.select(z, V::load(median)).store(median);
                 }
                 after.store(&mut out.transmittance[cell]);
                 if s(0.0).less(after).bits() == 0 {

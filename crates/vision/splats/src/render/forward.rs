@@ -106,6 +106,20 @@ impl Renderer {
         setting("min_transmittance", t, (0.0..0.5).contains(&t), "0 to 0.5")?;
         let a = c.min_depth_alpha;
         setting("min_depth_alpha", a, share(a), "above 0 and below 1")?;
+        let d = c.slope_dilation_px2;
+        setting(
+            "slope_dilation_px2",
+            d,
+            (0.001..100.0).contains(&d),
+            "0.001 to 100",
+        )?;
+        let m = c.max_slope_share;
+        setting(
+            "max_slope_share",
+            m,
+            (0.0..1.0).contains(&m),
+            "0 to below 1",
+        )?;
         setting(
             "near_m",
             c.near_m,

@@ -24,8 +24,8 @@ pub struct Gradients {
     /// With respect to the parameters of the visible Gaussians, in the order of
     /// [`Plane`](crate::Plane).
     pub planes: Vec<Vec<f32>>,
-    /// Absolute values of each pixel's gradient with respect to the mean in the image, x and y,
-    /// summed, 1/px (Ye et al., AbsGS, 2024).
+    /// Absolute values of each pixel's gradient with respect to the mean in the image through
+    /// alpha, x and y, summed, 1/px (Ye et al., AbsGS, 2024).
     pub absolute: Vec<[f32; 2]>,
     /// Errors of the pixels times the weight of the Gaussian there, summed.
     pub error: Vec<f32>,

@@ -10,6 +10,7 @@ use std::ops::Range;
 use rayon::prelude::*;
 
 use super::geometry::{Linear, Placement, Shape, Shear, axes, directions, dot, root, sigmoid};
+use super::slope::{Slope, depth_root};
 use super::view::View;
 use crate::config::RenderConfig;
 use crate::harmonics;
@@ -38,8 +39,10 @@ pub(super) struct Footprint {
     /// Opacity, after compensation.
     pub(super) opacity: f32,
     pub(super) color: [f32; 3],
-    /// m
+    /// Depth of the mean, m.
     pub(super) z: f32,
+    /// Change of depth along x and y, m/px.
+    pub(super) slope: [f32; 2],
     /// Index of the Gaussian.
     pub(super) index: u32,
 }
@@ -163,9 +166,11 @@ impl Project<'_> {
             return degenerate;
         }
         let [red, green, blue] = color(&place, self.splats.degree(), &block);
+        let depth_root = depth_root(self.view, &axes, &scale);
+        let slope = Slope::new(&root, &depth_root, &shape, z, (self.view, config));
         let inverse = s(1.0) / determinant;
         let [xx, xy, yy] = shape.covariance;
-        let mut values = [[0.0; LANES]; 13];
+        let mut values = [[0.0; LANES]; 15];
         mean[0].store(&mut values[0]);
         mean[1].store(&mut values[1]);
         (yy * inverse).store(&mut values[2]);
@@ -179,10 +184,12 @@ impl Project<'_> {
         green.store(&mut values[10]);
         blue.store(&mut values[11]);
         z.store(&mut values[12]);
+        slope.value[0].store(&mut values[13]);
+        slope.value[1].store(&mut values[14]);
         while visible != 0 {
             let lane = visible.trailing_zeros() as usize;
             visible &= visible - 1;
-            let mut of_lane = [0.0; 13];
+            let mut of_lane = [0.0; 15];
             for (value, lanes) in of_lane.iter_mut().zip(&values) {
                 *value = lanes[lane % LANES];
             }
@@ -212,7 +219,7 @@ impl Project<'_> {
 
     /// The footprint of one lane, if it contains the center of a pixel.
     #[inline(always)]
-    fn footprint(&self, values: [f32; 13], index: u32) -> Option<Footprint> {
+    fn footprint(&self, values: [f32; 15], index: u32) -> Option<Footprint> {
         let [
             x,
             y,
@@ -227,6 +234,8 @@ impl Project<'_> {
             green,
             blue,
             z,
+            slope_x,
+            slope_y,
         ] = values;
         let reach = 2.0 * libm::logf(opacity / self.config.min_alpha);
         let extent = [(reach * xx).sqrt(), (reach * yy).sqrt()];
@@ -243,6 +252,7 @@ impl Project<'_> {
             opacity,
             color: [red, green, blue],
             z,
+            slope: [slope_x, slope_y],
             index,
         })
     }

@@ -452,6 +452,20 @@ fn settings_outside_of_their_domain_are_refused() {
                 ..RenderConfig::default()
             },
         ),
+        (
+            "slope_dilation_px2",
+            RenderConfig {
+                slope_dilation_px2: 0.0,
+                ..RenderConfig::default()
+            },
+        ),
+        (
+            "max_slope_share",
+            RenderConfig {
+                max_slope_share: 1.0,
+                ..RenderConfig::default()
+            },
+        ),
     ];
     for (name, config) in cases {
         let error = Renderer::new(config).unwrap_err();

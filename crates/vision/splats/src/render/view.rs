@@ -23,6 +23,9 @@ pub(super) struct View {
     /// Slopes x/z and y/z beyond which a pinhole camera is linearized at the bound.
     pub(super) slope_min: [f32; 2],
     pub(super) slope_max: [f32; 2],
+    /// Largest standard deviation of a Gaussian's depth over its pixels, as a share of the distance
+    /// of its mean from the nearest depth.
+    pub(super) slope_limit: f32,
     pub(super) rolling: Option<Rolling>,
     /// Directions of the pixels of a lens with distortion before a sky.
     pub(super) rays: Option<Arc<Rays>>,
@@ -65,6 +68,8 @@ impl View {
             principal: [model.cx, model.cy].map(|v| v as f32),
             slope_min: [x.0, y.0],
             slope_max: [x.1, y.1],
+            // The ellipse of an opaque Gaussian, in standard deviations.
+            slope_limit: config.max_slope_share / (-2.0 * libm::logf(config.min_alpha)).sqrt(),
             rolling: camera.shutter().map(|s| Rolling {
                 gradient: s.time_gradient_s_per_px.map(|v| v as f32),
                 reference: s.reference_px.map(|v| v as f32),

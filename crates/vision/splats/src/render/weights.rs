@@ -17,6 +17,8 @@ pub(crate) struct Weight {
     pub(crate) cell: usize,
     /// Share of the pixel's color that is the Gaussian's.
     pub(crate) weight: f32,
+    /// Of the Gaussian at the pixel, m.
+    pub(crate) depth: f32,
 }
 
 impl Pass {
@@ -25,7 +27,7 @@ impl Pass {
         self.bins.tiles()
     }
 
-    /// Indices and depths (m) of the Gaussians of a tile, nearest first.
+    /// Indices and depths (m) of the means of the Gaussians of a tile, nearest first.
     pub(crate) fn entries(&self, tile: usize) -> impl Iterator<Item = (u32, f32)> {
         let entries = self.bins.entries(tile).iter();
         entries.map(|entry| {
@@ -78,6 +80,7 @@ impl Renderer {
                         pixel: (top + row) * width + left + column,
                         cell: row * TILE + column,
                         weight,
+                        depth: f.z + f.slope[0] * dx + f.slope[1] * dy,
                     });
                 }
             }

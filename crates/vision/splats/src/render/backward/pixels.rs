@@ -12,7 +12,7 @@ use crate::scene::{Exposure, Scene};
 pub(super) struct TileGradient {
     /// With respect to the blended color.
     pub(super) rgb: [Cells; 3],
-    /// With respect to `Σ w z`.
+    /// With respect to the sum of weights times depths.
     pub(super) depth: Cells,
     /// What lies behind the present Gaussian, at the start behind none: colors and depth times
     /// their gradients, and minus the part of transmittance.

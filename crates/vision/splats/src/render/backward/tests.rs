@@ -113,6 +113,11 @@ fn gradients_equal_those_of_the_reference() {
         check("compensated", &scene, &pinhole, config(true));
         let rolling = pinhole.clone().with_shutter(shutter()).unwrap();
         check("shutter", &scene, &rolling, config(true));
+        let bounded = RenderConfig {
+            max_slope_share: 0.02,
+            ..config(true)
+        };
+        check("bounded slope", &scene, &rolling, bounded);
         let radial = Distortion::RadTan5 {
             k1: -0.2,
             k2: 0.05,

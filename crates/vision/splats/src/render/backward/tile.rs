@@ -16,13 +16,35 @@ use crate::render::view::View;
 pub(in crate::render) struct Slot {
     /// `s`, `s dx`, `s dy`, `s dx²`, `s dx dy`, `s dy²`.
     pub(super) moments: [f32; 6],
-    /// Absolute values of the gradient with respect to the mean, x and y, 1/px.
+    /// Absolute values of the gradient with respect to the mean through alpha, x and y, 1/px.
     pub(super) absolute: [f32; 2],
-    /// With respect to red, green, blue and depth.
+    /// With respect to red, green, blue and the depth of the mean.
     pub(super) color: [f32; 4],
+    /// With respect to the slope of depth.
+    pub(super) slope: [f32; 2],
     /// Weight times error.
     pub(super) error: f32,
     pub(super) weight: f32,
+}
+
+impl Slot {
+    #[inline(always)]
+    pub(super) fn add(&mut self, other: &Self) {
+        for k in 0..6 {
+            self.moments[k] += other.moments[k];
+        }
+        for k in 0..2 {
+            self.absolute[k] += other.absolute[k];
+        }
+        for k in 0..4 {
+            self.color[k] += other.color[k];
+        }
+        for k in 0..2 {
+            self.slope[k] += other.slope[k];
+        }
+        self.error += other.error;
+        self.weight += other.weight;
+    }
 }
 
 pub(super) struct TileBackward<'a> {
@@ -42,6 +64,7 @@ struct Sums<V> {
     moments: [V; 6],
     absolute: [V; 2],
     color: [V; 4],
+    slope: [V; 2],
     error: V,
     weight: V,
 }
@@ -54,6 +77,7 @@ impl<V: Lanes> Sums<V> {
             moments: [zero; 6],
             absolute: [zero; 2],
             color: [zero; 4],
+            slope: [zero; 2],
             error: zero,
             weight: zero,
         }
@@ -66,6 +90,7 @@ impl<V: Lanes> Sums<V> {
         }
         for k in 0..2 {
             slot.absolute[k] = self.absolute[k].sum();
+            slot.slope[k] = self.slope[k].sum();
         }
         for k in 0..4 {
             slot.color[k] = self.color[k].sum();
@@ -163,12 +188,20 @@ fn pixels<V: Lanes>(
     sums.color[0] = weight.mul_add(red, sums.color[0]);
     sums.color[1] = weight.mul_add(green, sums.color[1]);
     sums.color[2] = weight.mul_add(blue, sums.color[2]);
-    sums.color[3] = weight.mul_add(depth, sums.color[3]);
+    let (dx, dy) = local.offset(cell);
+    let dy = s(dy);
+    let by_depth = weight * depth;
+    sums.color[3] = sums.color[3] + by_depth;
+    sums.slope[0] = by_depth.mul_add(dx, sums.slope[0]);
+    sums.slope[1] = by_depth.mul_add(dy, sums.slope[1]);
     sums.error = weight.mul_add(V::load(&gradient.error[cell]), sums.error);
     sums.weight = sums.weight + weight;
     let own = red.mul_add(
         s(f.color[0]),
-        green.mul_add(s(f.color[1]), blue.mul_add(s(f.color[2]), depth * s(f.z))),
+        green.mul_add(
+            s(f.color[1]),
+            blue.mul_add(s(f.color[2]), depth * local.depth(cell)),
+        ),
     );
     let behind = V::load(&state.behind[cell]) - weight * own;
     behind.store(&mut state.behind[cell]);
@@ -180,8 +213,6 @@ fn pixels<V: Lanes>(
         .and(kept)
         .and_not(skipped)
         .and_not(bounded);
-    let (dx, dy) = local.offset(cell);
-    let dy = s(dy);
     let (sx, sy) = (by_sigma * dx, by_sigma * dy);
     sums.moments[0] = sums.moments[0] + by_sigma;
     sums.moments[1] = sums.moments[1] + sx;

@@ -3,13 +3,16 @@
 //!
 //! The root of the covariance in the image is `N = S J R A diag(s)`: shear of the shutter, lens,
 //! camera, axes and scales. With `G` the gradient of the covariance, that of the root is `2 G N`,
-//! and the factors follow by the product rule.
+//! and the factors follow by the product rule. The root of the depth, the row of depth of `R A
+//! diag(s)`, is a third row of it that neither lens nor shutter change.
 
 mod factors;
 mod lens;
+mod motion;
 
 use factors::{Factors, quaternion_gradient};
 use lens::add_lens;
+use motion::{motion, times_transposed};
 use rayon::prelude::*;
 
 use super::tile::Slot;
@@ -22,6 +25,7 @@ use crate::render::geometry::{
 };
 use crate::render::gradients::Gradients;
 use crate::render::project::Footprint;
+use crate::render::slope::{Slope, depth_root};
 use crate::render::view::View;
 use crate::scene::{Plane, Scene, coefficients};
 
@@ -108,8 +112,8 @@ impl Kernel for Transform<'_> {
 
 /// Eight Gaussians: their sums over pixels and their parameters, by lane.
 struct Gathered {
-    /// The moments, then red, green, blue and depth.
-    sums: [[f32; LANES]; 10],
+    /// The moments, then red, green, blue, depth and its slope.
+    sums: [[f32; LANES]; 12],
     /// Colors, to know where they are cut at 0.
     color: [[f32; LANES]; 3],
     /// Planes before the harmonics.
@@ -122,7 +126,7 @@ impl Transform<'_> {
     #[inline(always)]
     fn gather(&mut self, start: usize, count: usize) -> Gathered {
         let mut out = Gathered {
-            sums: [[0.0; LANES]; 10],
+            sums: [[0.0; LANES]; 12],
             color: [[0.0; LANES]; 3],
             parameters: [[0.0; LANES]; Plane::HARMONICS],
             harmonics: [[0.0; LANES]; 48],
@@ -152,6 +156,9 @@ impl Transform<'_> {
             for k in 0..4 {
                 out.sums[6 + k][lane] = sum.color[k];
             }
+            for k in 0..2 {
+                out.sums[10 + k][lane] = sum.slope[k];
+            }
             self.absolute[at] = sum.absolute;
             self.error[at] = sum.error;
             self.weight[at] = sum.weight;
@@ -173,6 +180,7 @@ impl Transform<'_> {
         let in_world = [
             row_times(&linear.jacobian[0], &rotation),
             row_times(&linear.jacobian[1], &rotation),
+            rotation[2],
         ];
         let mut still = [
             row_times(&in_world[0], &axes),
@@ -190,11 +198,12 @@ impl Transform<'_> {
             None => still,
         };
         let opacity = sigmoid(parameter(Plane::OPACITY));
-        let image = self.image(g, &root, opacity);
+        let depth_root = depth_root(self.view, &axes, &scale);
+        let image = self.image(g, &root, &depth_root, place.p[2], opacity);
         let mut mean = image.mean;
         let mut by_root = image.root;
         let mut by_jacobian = [[V::splat(0.0); 3]; 2];
-        let mut by_point = [V::splat(0.0), V::splat(0.0), V::load(&g.sums[9])];
+        let mut by_point = [V::splat(0.0), V::splat(0.0), image.z];
         if let Some((shear, rate)) = &shear {
             let of = shear.backward(&mean, &by_root, &still, &linear, *rate);
             (mean, by_root, by_jacobian) = (of.mean, of.root, of.jacobian);
@@ -202,10 +211,17 @@ impl Transform<'_> {
                 by_point[k] = by_point[k] + of.point[k];
             }
         }
-        let factors = Factors::new(&by_root, &still, &in_world, &axes, &scale);
+        let factors = Factors::new(
+            &[by_root[0], by_root[1], image.depth_root],
+            &[still[0], still[1], depth_root],
+            &in_world,
+            &axes,
+            &scale,
+        );
         let by_camera = [
             times_transposed(&factors.in_world[0], &rotation),
             times_transposed(&factors.in_world[1], &rotation),
+            times_transposed(&factors.in_world[2], &rotation),
         ];
         for row in 0..2 {
             for k in 0..3 {
@@ -260,9 +276,16 @@ impl Transform<'_> {
         }
     }
 
-    /// Gradients with respect to mean, root and opacity before compensation.
+    /// Gradients with respect to mean, roots, depth and opacity before compensation.
     #[inline(always)]
-    fn image<V: Lanes>(&self, g: &Gathered, root: &[[V; 3]; 2], opacity: V) -> ByImage<V> {
+    fn image<V: Lanes>(
+        &self,
+        g: &Gathered,
+        root: &[[V; 3]; 2],
+        depth_root: &[V; 3],
+        z: V,
+        opacity: V,
+    ) -> ByImage<V> {
         let s = V::splat;
         let shape = Shape::new(root, self.config.dilation_px2);
         let inverse = s(1.0) / shape.determinant;
@@ -304,9 +327,23 @@ impl Transform<'_> {
             by_root[0][k] = two * (gxx * root[0][k] + gxy * root[1][k]);
             by_root[1][k] = two * (gxy * root[0][k] + gyy * root[1][k]);
         }
+        let slope = Slope::new(root, depth_root, &shape, z, (self.view, self.config));
+        let by_depth = V::load(&g.sums[9]);
+        let by_slope = [V::load(&g.sums[10]), V::load(&g.sums[11])];
+        let by_slope = slope.backward(&by_slope, root, depth_root, z, self.config);
+        for row in 0..2 {
+            for k in 0..3 {
+                by_root[row][k] = by_root[row][k] + by_slope.root[row][k];
+            }
+        }
         ByImage {
-            mean: [-(a * mx + b * my), -(b * mx + c * my)],
+            mean: [
+                -(a * mx + b * my + slope.value[0] * by_depth),
+                -(b * mx + c * my + slope.value[1] * by_depth),
+            ],
             root: by_root,
+            depth_root: by_slope.depth_root,
+            z: by_depth + by_slope.z,
             opacity: by_opacity * compensation,
         }
     }
@@ -353,65 +390,10 @@ impl Transform<'_> {
     }
 }
 
-impl Slot {
-    #[inline(always)]
-    fn add(&mut self, other: &Self) {
-        for k in 0..6 {
-            self.moments[k] += other.moments[k];
-        }
-        for k in 0..2 {
-            self.absolute[k] += other.absolute[k];
-        }
-        for k in 0..4 {
-            self.color[k] += other.color[k];
-        }
-        self.error += other.error;
-        self.weight += other.weight;
-    }
-}
-
 struct ByImage<V> {
     mean: [V; 2],
     root: [[V; 3]; 2],
+    depth_root: [V; 3],
+    z: V,
     opacity: V,
-}
-
-/// Row times the transpose of a matrix.
-#[inline(always)]
-fn times_transposed<V: Lanes>(row: &[V; 3], matrix: &[[V; 3]; 3]) -> [V; 3] {
-    [
-        dot(row, &matrix[0]),
-        dot(row, &matrix[1]),
-        dot(row, &matrix[2]),
-    ]
-}
-
-/// Gradients with respect to the camera's motion `p → p - v - ω × p`.
-#[inline(always)]
-fn motion<V: Lanes>(
-    place: &Placement<V>,
-    linear: &Linear<V>,
-    rotation: &[[V; 3]; 3],
-    by_camera: &[[V; 3]; 2],
-    by_point: &[V; 3],
-    by_direction: &[V; 3],
-) -> [V; 6] {
-    let p = &place.p;
-    let turned = times_transposed(by_direction, rotation);
-    let [j, h] = &linear.jacobian;
-    let [m, n] = by_camera;
-    // Rotation of the covariance: antisymmetric part of the Jacobian and its gradient.
-    let twist = [
-        m[2] * j[1] + n[2] * h[1] - m[1] * j[2] - n[1] * h[2],
-        m[0] * j[2] + n[0] * h[2] - m[2] * j[0] - n[2] * h[0],
-        m[1] * j[0] + n[1] * h[0] - m[0] * j[1] - n[0] * h[1],
-    ];
-    [
-        -(by_point[0] + turned[0]),
-        -(by_point[1] + turned[1]),
-        -(by_point[2] + turned[2]),
-        twist[0] - (p[1] * by_point[2] - p[2] * by_point[1]),
-        twist[1] - (p[2] * by_point[0] - p[0] * by_point[2]),
-        twist[2] - (p[0] * by_point[1] - p[1] * by_point[0]),
-    ]
 }

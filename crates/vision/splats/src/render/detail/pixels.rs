@@ -27,8 +27,10 @@ pub(super) struct Sprite {
     pub(super) reach: f32,
     pub(super) opacity: f32,
     pub(super) color: [f32; 3],
-    /// m
+    /// Depth of the mean, m.
     pub(super) z: f32,
+    /// Change of depth along x and y, m/px.
+    pub(super) slope: [f32; 2],
     pub(super) blocks: Blocks,
 }
 
@@ -74,7 +76,7 @@ pub(super) struct Cell {
     /// Transmittance; negative where the pixel is complete.
     pub(super) transmittance: [f32; LANES],
     pub(super) rgb: [[f32; LANES]; 3],
-    /// `Σ w z`, m.
+    /// Sum of weights times depths, m.
     pub(super) depth: [f32; LANES],
     /// m; 0 where there is none.
     pub(super) median: [f32; LANES],
@@ -165,7 +167,7 @@ impl Pixels {
         let [x, y] = sprite.mean;
         let [a, b, c, determinant] = sprite.conic;
         let [red, green, blue] = sprite.color.map(s);
-        let z = s(sprite.z);
+        let [slope_x, slope_y] = sprite.slope;
         let inverse = 1.0 / a;
         let full = sprite.reach * a * (1.0 + SLACK_SHARE);
         // Exponents to the base of 2, negative.
@@ -219,6 +221,7 @@ impl Pixels {
                     add(&mut cell.rgb[0], weight, red);
                     add(&mut cell.rgb[1], weight, green);
                     add(&mut cell.rgb[2], weight, blue);
+                    let z = s(slope_x).mul_add(dx, s(sprite.z + slope_y * dy));
                     add(&mut cell.depth, weight, z);
                     let crossed = s(0.5).less(before).and_not(s(0.5).less(after));
                     if crossed.bits() != 0 {

@@ -13,6 +13,7 @@ use crate::config::RenderConfig;
 use crate::harmonics;
 use crate::lanes::{Kernel, LANES, Lanes};
 use crate::render::geometry::{Shape, dot, row_times, splat3x3};
+use crate::render::slope::Slope;
 use crate::render::view::View;
 use crate::scene::coefficients;
 
@@ -131,6 +132,7 @@ struct Projected<V> {
     opacity: V,
     color: [V; 3],
     z: V,
+    slope: [V; 2],
 }
 
 impl RegionCamera<'_> {
@@ -186,6 +188,7 @@ impl RegionCamera<'_> {
             load3::<V>(rows, baked::ROOT + 3),
             load3::<V>(rows, baked::ROOT + 6),
         ];
+        let depth_root = row_times(&rotation[2], &root);
         let root = [
             row_times(&jacobian[0], &root),
             row_times(&jacobian[1], &root),
@@ -214,6 +217,7 @@ impl RegionCamera<'_> {
         if visible == 0 {
             return;
         }
+        let slope = Slope::new(&root, &depth_root, &shape, z, (view, self.config));
         let inverse = s(1.0) / determinant;
         self.append(
             &Projected {
@@ -224,6 +228,7 @@ impl RegionCamera<'_> {
                 opacity,
                 color: color(&offset, baked.degree(), rows),
                 z,
+                slope: slope.value,
             },
             visible,
             scratch,
@@ -240,7 +245,7 @@ impl RegionCamera<'_> {
         let right = block_bits(mean[0] + extent[0] + slack, size[0]);
         let top = block_bits(mean[1] - extent[1] - slack, size[1]);
         let bottom = block_bits(mean[1] + extent[1] + slack, size[1]);
-        let mut values: [Row; 12] = [[0.0; LANES]; 12];
+        let mut values: [Row; 14] = [[0.0; LANES]; 14];
         mean[0].store(&mut values[0]);
         mean[1].store(&mut values[1]);
         of.conic[0].store(&mut values[2]);
@@ -253,6 +258,8 @@ impl RegionCamera<'_> {
         of.color[1].store(&mut values[9]);
         of.color[2].store(&mut values[10]);
         of.z.store(&mut values[11]);
+        of.slope[0].store(&mut values[12]);
+        of.slope[1].store(&mut values[13]);
         while visible != 0 {
             let i = visible.trailing_zeros() as usize % LANES;
             visible &= visible - 1;
@@ -275,6 +282,7 @@ impl RegionCamera<'_> {
                 opacity: v[7][i],
                 color: [v[8][i], v[9][i], v[10][i]],
                 z: v[11][i],
+                slope: [v[12][i], v[13][i]],
                 blocks,
             });
         }

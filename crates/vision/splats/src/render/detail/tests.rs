@@ -107,6 +107,13 @@ fn regions_show_what_the_exact_renderer_shows() {
                 depths.filter(|(a, b)| !((*a - *b).abs() < 1e-3 || a.is_nan() == b.is_nan()));
             let share = other.count() as f64 / found.alpha.len() as f64;
             assert!(share < 0.01, "{size:?}, degree {degree}: {share}");
+            let depths = found
+                .expected_depth_m
+                .iter()
+                .zip(&expected.expected_depth_m);
+            let other = depths.filter(|(a, b)| (*a - *b).abs() > 1e-3 * *b);
+            let share = other.count() as f64 / found.alpha.len() as f64;
+            assert!(share < 0.01, "{size:?}, degree {degree}: {share}");
         }
     }
 }

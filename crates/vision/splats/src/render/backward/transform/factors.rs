@@ -74,16 +74,16 @@ pub(super) struct Factors<V> {
     /// Of the logarithms of the scales.
     pub(super) scale: [V; 3],
     pub(super) axes: [[V; 3]; 3],
-    /// Of the lens's Jacobian in the axes of the world.
-    pub(super) in_world: [[V; 3]; 2],
+    /// Of the lens's Jacobian and of the direction of depth in the axes of the world.
+    pub(super) in_world: [[V; 3]; 3],
 }
 
 impl<V: Lanes> Factors<V> {
     #[inline(always)]
     pub(super) fn new(
-        by_root: &[[V; 3]; 2],
-        root: &[[V; 3]; 2],
-        in_world: &[[V; 3]; 2],
+        by_root: &[[V; 3]; 3],
+        root: &[[V; 3]; 3],
+        in_world: &[[V; 3]; 3],
         axes: &[[V; 3]; 3],
         scale: &[V; 3],
     ) -> Self {
@@ -94,16 +94,22 @@ impl<V: Lanes> Factors<V> {
         };
         let mut scaled = *by_root;
         for k in 0..3 {
-            out.scale[k] = by_root[0][k] * root[0][k] + by_root[1][k] * root[1][k];
-            scaled[0][k] = by_root[0][k] * scale[k];
-            scaled[1][k] = by_root[1][k] * scale[k];
+            out.scale[k] = by_root[0][k] * root[0][k]
+                + by_root[1][k] * root[1][k]
+                + by_root[2][k] * root[2][k];
+            for row in 0..3 {
+                scaled[row][k] = by_root[row][k] * scale[k];
+            }
         }
         for j in 0..3 {
             for k in 0..3 {
-                out.axes[j][k] = in_world[0][j] * scaled[0][k] + in_world[1][j] * scaled[1][k];
+                out.axes[j][k] = in_world[0][j] * scaled[0][k]
+                    + in_world[1][j] * scaled[1][k]
+                    + in_world[2][j] * scaled[2][k];
             }
-            out.in_world[0][j] = dot(&scaled[0], &axes[j]);
-            out.in_world[1][j] = dot(&scaled[1], &axes[j]);
+            for row in 0..3 {
+                out.in_world[row][j] = dot(&scaled[row], &axes[j]);
+            }
         }
         out
     }
