@@ -11,11 +11,13 @@ use crate::planes::Planes;
 mod edge;
 mod ends;
 mod intersection;
+mod ramps;
 mod runs;
 mod snapping;
 mod steps;
 
 pub use edge::{Edge, EdgeKind, Step};
+pub use ramps::Ramps;
 pub use snapping::snap;
 
 /// The edges of planes.
