@@ -8,8 +8,8 @@
 //!    grounds, distance of contacts of the feet from the true surface.
 //! 2. `steps`: 20 seeds over one step and up a flight: which heights the gait manages.
 //! 3. `shape`: height of the collision shape under soles against the number of its parts.
-//! 4. `surface`: the collision surface along the courses of `walks` against the true ground, by what
-//!    is highest there.
+//! 4. `surface`: the collision surface along the courses of `walks` against the true ground, by
+//!    what is highest there.
 //! 5. `bodies`: a box, a ball and a stand at rest in MuJoCo and in `rapier3d`, over time steps.
 
 use std::fs;

@@ -145,7 +145,7 @@ config! {
         pub end_sigma_m: f64 = 0.005,
     }
 
-    /// Constants of [`Ramps`](crate::edges::Ramps).
+    /// Constants of [`without_ramps`](crate::edges::without_ramps).
     pub struct RampConfig {
         /// Range of horizontal distances from its edge in which a ramp is, m. Nearer, it may be the
         /// riser; farther, views see the ground below. On simulated stairs ramps are 10 to 17 cm
@@ -262,8 +262,9 @@ config! {
         pub min_ground_cos: f64 = 0.71,
         /// Distance within which the border of a part is moved to an edge, m.
         pub edge_reach_m: f64 = 0.05,
-        /// Distance beyond the edge of a step up to which ground is an error of the matcher, m, also
-        /// beyond the ends of the edge, where no view saw the riser: 6 to 7 cm on simulated stairs.
+        /// Distance beyond the edge of a step up to which ground is an error of the matcher, m,
+        /// also beyond the ends of the edge, where no view saw the riser: 6 to 7 cm on simulated
+        /// stairs.
         pub max_overhang_m: f64 = 0.08,
         /// Maximum share of the cells of a plane that are farther beyond such an edge.
         pub max_beyond_share: f64 = 0.01,

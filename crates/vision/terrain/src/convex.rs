@@ -3,7 +3,7 @@
 //! Contract: the surface of a prism is its plane, exact in height, with borders on the edges of the
 //! plane. The height layer runs on below their borders, by `layer_seam_m` of [`ConvexConfig`], so
 //! that no ditch is where one ends, and deeper where prisms are everywhere around; beside a step it
-//! drops to the lower ground there. Ramps by which matchers join both sides of a step ([`Ramps`])
+//! drops to the lower ground there. Ramps by which matchers join both sides of a step
 //! are no surface. Where nothing was seen there is neither. The collision surface at a place is the
 //! higher one of the prisms and the triangles of the layer ([`HeightLayer::height_at`]).
 //! [`CollisionReport`] compares it with the maps. Things that are not plane and not ground have

@@ -19,7 +19,7 @@ const PARALLELS: i32 = 4;
 const STEP_REACH_M: f64 = 0.03;
 /// Height difference of a step, m.
 const STEP_M: f64 = 0.03;
-/// Surfaces higher above the true ground are not in the way of feet, m.
+/// Surfaces higher above the true ground are of another level, m.
 const ABOVE_M: f64 = 0.4;
 /// A foot that meets ground higher or lower by more than it expects stumbles, m.
 const STUMBLE_M: f64 = 0.015;

@@ -2,7 +2,7 @@
 //! `terrain` and `maps`.
 
 use anyhow::Result;
-use terrain::edges::{Edge, Ramps, find_edges, snap};
+use terrain::edges::{Edge, find_edges, snap, without_ramps};
 use terrain::fusion::{Volume, VolumeStats};
 use terrain::maps::{GroundSample, Level, build};
 use terrain::mesh::Mesh;
@@ -59,7 +59,7 @@ pub(crate) fn surface(frames: &[DepthFrame], fusion: FusionConfig) -> Result<Sur
         let planes = refiner.finish();
         let edges = find_edges(&planes, &EdgeConfig::default());
         snap(&mut mesh, &planes, &edges, fusion.voxel_m);
-        let ground = Ramps::new(&planes, &edges, &RampConfig::default()).lowered(&mesh);
+        let ground = without_ramps(&mesh, &planes, &edges, &RampConfig::default());
         let levels = maps(&ground, &edges, &[]);
         (planes, edges, ground, levels)
     });

@@ -6,7 +6,8 @@
 //! a step it is below the lower ground instead, if parts cover all of the upper ground around the
 //! sample or leave out at most `max_smear_m`: then the step is as steep as the part's border. Where
 //! more is left out, the step is a slope between two samples. Below a step whose lower ground is
-//! covered, the layer is so deep that this slope is at most `max_smear_m` wide above the lower part.
+//! covered, the layer is so deep that this slope is at most `max_smear_m` wide above the lower
+//! part.
 
 use rayon::prelude::*;
 
@@ -219,7 +220,7 @@ impl Layer<'_> {
     }
 }
 
-/// Places in a triangle, with their weights in parts; that of its first corner is at least a number.
+/// Places in a triangle, with their weights in parts; that of its first corner has a least value.
 fn places(least: usize, corners: [[f64; 2]; 3]) -> impl Iterator<Item = ([f64; 2], [usize; 3])> {
     let weights = (least..=PARTS)
         .flat_map(|first| (0..=PARTS - first).map(move |second| (first, second)))

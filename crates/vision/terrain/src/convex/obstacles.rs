@@ -59,8 +59,8 @@ pub fn obstacle_parts(
     parts.into_iter().flatten().collect()
 }
 
-/// Whether a point is on the free ground of a level, or on the face of a step between the grounds of
-/// neighboring cells.
+/// Whether a point is on the free ground of a level, or on the face of a step between the grounds
+/// of neighboring cells.
 fn is_ground(level: &Level, [x, y, z]: [f64; 3], config: &ObstacleConfig) -> bool {
     let Some(index) = level.index(x, y) else {
         return false;

@@ -177,7 +177,8 @@ fn side_at(plane: &Plane, line: &EdgeLine, across_m: [f64; 3]) -> f64 {
     }
 }
 
-/// Whether hardly anything of a plane was observed farther beyond a line than matchers make it wider.
+/// Whether hardly anything of a plane was observed farther beyond a line than matchers make it
+/// wider.
 fn is_whole_border(plane: &Plane, line: &EdgeLine, config: &ConvexConfig) -> bool {
     let observed = plane.observed.iter().enumerate().filter(|(_, is)| **is);
     let is_beyond = |index: usize| {

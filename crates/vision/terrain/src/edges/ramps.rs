@@ -1,8 +1,8 @@
 //! Ramps below steps that are errors of the matcher.
 //!
 //! A view from above sees the border of a tread and, behind it, the tread below, but not the riser
-//! between them. Matchers join both over a few pixels, which gives a ramp along the line of sight:
-//! in the mesh, and where many views agree even as a plane. Where the depths of other views end at
+//! between them. Matchers join both over a few pixels, which gives a ramp away from the view: in
+//! the mesh, and where many views agree even as a plane. Where the depths of other views end at
 //! the edge (an edge of the type `End` with a step), no surface can be on the ramp.
 //!
 //! Contract: a point is on a ramp if it is beside such an edge on its lower side, below a line that
@@ -26,9 +26,18 @@ const BORDER_M: f64 = 0.10;
 /// Distance beyond an edge from which on it was not, m.
 const BEYOND_M: f64 = 0.06;
 
+/// A mesh whose vertices on ramps below steps are moved down to the ground there. Vertices of the
+/// ground above that are beyond its edge are moved back to it; those of other planes that are no
+/// ramps remain.
+///
+/// The planes and edges must be those of the mesh.
+pub fn without_ramps(mesh: &Mesh, planes: &Planes, edges: &[Edge], config: &RampConfig) -> Mesh {
+    Ramps::new(planes, edges, config).lowered(mesh)
+}
+
 /// Ground below steps, and what of the surface there is an error.
 #[derive(Clone, Debug)]
-pub struct Ramps<'a> {
+pub(crate) struct Ramps<'a> {
     planes: &'a Planes,
     strips: Vec<Strip>,
     is_ramp: Vec<bool>,
@@ -58,7 +67,7 @@ struct Ground<'a> {
 
 impl<'a> Ramps<'a> {
     /// Of planes and their edges.
-    pub fn new(planes: &'a Planes, edges: &[Edge], config: &RampConfig) -> Self {
+    pub(crate) fn new(planes: &'a Planes, edges: &[Edge], config: &RampConfig) -> Self {
         let mut ramps = Self {
             planes,
             strips: strips(planes, edges, config),
@@ -71,16 +80,12 @@ impl<'a> Ramps<'a> {
     }
 
     /// Whether a plane is no surface, but a ramp.
-    pub fn is_ramp(&self, plane: usize) -> bool {
+    pub(crate) fn is_ramp(&self, plane: usize) -> bool {
         self.is_ramp[plane]
     }
 
-    /// A mesh whose vertices on ramps are moved down to the ground below the step. Vertices of the
-    /// ground above that are beyond its edge are moved back to it; those of other planes that are
-    /// no ramps remain.
-    ///
-    /// The planes must be those of the mesh.
-    pub fn lowered(&self, mesh: &Mesh) -> Mesh {
+    /// See [`without_ramps`].
+    fn lowered(&self, mesh: &Mesh) -> Mesh {
         let mut lowered = mesh.clone();
         for (number, position) in lowered.positions.iter_mut().enumerate() {
             let of_plane = self.planes.of_vertex.get(number).copied().flatten();
@@ -157,7 +162,7 @@ impl<'a> Ramps<'a> {
         (is_on_ramp && self.is_step(strip, along)).then_some(height)
     }
 
-    /// Whether the ground above a strip ends at a place along its edge, and that below was observed.
+    /// Whether the ground above a strip ends at a place along its edge, and that below was seen.
     pub(crate) fn is_step(&self, strip: &Strip, along: f64) -> bool {
         let at = strip.from.xy() + strip.along * along;
         let is_observed = |number: usize, away: f64| {
