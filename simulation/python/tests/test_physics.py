@@ -146,18 +146,20 @@ class Scenes(unittest.TestCase):
         self.assertLess(scene.ground_m(scene.data[0], np.array([10.02, 6, 3.0])), -0.5)
         self.assertIsNone(scene.ground_m(scene.data[0], np.array([30.0, 6, 3.0])))
 
-    def test_the_coarse_layer_is_never_below_the_fine_one(self):
+    def test_the_coarse_layer_has_heights_of_the_fine_one(self):
         random = np.random.default_rng(1)
         field = height_field.HeightField((0.0, 0.0), (0.04, 0.04), random.uniform(0, 1, (20, 31)))
-        coarse = field.upper_envelope(3)
-        rows, columns = coarse.heights_m.shape
-        self.assertEqual((rows, columns), (8, 11))
-        for row in range(20):
-            for column in range(31):
-                r, c = min(row // 3, rows - 2), min(column // 3, columns - 2)
-                corners = coarse.heights_m[r : r + 2, c : c + 2]
-                # The least of a bilinear surface is at a corner.
-                self.assertGreaterEqual(corners.min(), field.heights_m[row, column])
+        coarse = field.coarser(3)
+        self.assertEqual(coarse.heights_m.shape, (8, 11))
+        self.assertEqual(coarse.cell_m, (0.12, 0.12))
+        np.testing.assert_array_equal(coarse.heights_m[:7], field.heights_m[:20:3, ::3])
+        # The last row of cells is not full: it is level beyond the end.
+        np.testing.assert_array_equal(coarse.heights_m[7], field.heights_m[19, ::3])
+        # It does not reach out over a step by more than a cell.
+        x = 0.04 * np.arange(31)
+        step = np.where(x < 0.5, 0.17, 0.0)
+        step = height_field.HeightField((0.0, 0.0), (0.04, 0.04), np.tile(step, (20, 1)))
+        self.assertEqual(step.coarser(3).heights_m[0].tolist(), [0.17] * 5 + [0.0] * 6)
         tiles = field.tiles(16)
         self.assertEqual([tile.heights_m.shape for tile in tiles], [(17, 17), (17, 15), (4, 17), (4, 15)])
 

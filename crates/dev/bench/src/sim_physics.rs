@@ -8,7 +8,9 @@
 //!    grounds, distance of contacts of the feet from the true surface.
 //! 2. `steps`: 20 seeds over one step and up a flight: which heights the gait manages.
 //! 3. `shape`: height of the collision shape under soles against the number of its parts.
-//! 4. `bodies`: a box, a ball and a stand at rest in MuJoCo and in `rapier3d`, over time steps.
+//! 4. `surface`: the collision surface along the courses of `walks` against the true ground, by
+//!    what is highest there.
+//! 5. `bodies`: a box, a ball and a stand at rest in MuJoCo and in `rapier3d`, over time steps.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -21,6 +23,7 @@ mod bodies;
 mod charts;
 mod course;
 mod model;
+mod profile;
 mod values;
 
 use crate::terrain::keyframes::{Source, depth_frames, keyframes};
@@ -28,11 +31,11 @@ use crate::terrain::parts;
 use crate::terrain::scores::Quantiles;
 use crate::terrain::surface::{Surface, surface};
 use crate::terrain::truth::Truth;
-use crate::terrain::walks::WALKS;
+use crate::terrain::walks::{WALKS, Walk};
 use crate::{arguments, meter, python, report, stamp};
 use values::{CONTACT_GOAL_MM, entries};
 
-const PARTS: [&str; 4] = ["bodies", "walks", "steps", "shape"];
+const PARTS: [&str; 5] = ["bodies", "walks", "steps", "shape", "surface"];
 /// Pavement with kerbs, and stairs, of 672x376.
 const GROUNDS: [usize; 2] = [0, 1];
 const SEEDS: usize = 20;
@@ -42,7 +45,7 @@ const STEPS_CM: [(usize, &[u32]); 2] = [(1, &[17, 20, 23]), (FLIGHT, &[6, 8, 10,
 const FLIGHT: usize = 11;
 const SCRIPT: &str = "sim_physics/walk.py";
 
-/// Runs the benchmark: `[--quick] [--only PART,...] [--out DIR]`.
+/// Runs the benchmark: `[--quick] [--only PART,...] [--walk NAME] [--seed N] [--out DIR]`.
 ///
 /// # Errors
 /// Bad arguments, an I/O error, or no interpreter with the robot. A missed goal is a result and no
@@ -67,9 +70,9 @@ pub(crate) fn run(args: &[String]) -> Result<()> {
     if has("steps") {
         add("steps", steps(options.seeds)?)?;
     }
-    if has("walks") || has("shape") {
-        let (mut walked, mut shapes) = (Vec::new(), Vec::new());
-        for walk in GROUNDS.map(|number| WALKS[number]) {
+    if ["walks", "shape", "surface"].into_iter().any(has) {
+        let (mut walked, mut shapes, mut profiles) = (Vec::new(), Vec::new(), Vec::new());
+        for walk in options.walks() {
             let prepared = walk.prepare()?;
             let rendered = keyframes(&prepared, &prepared.keyframes()?)?;
             let truth = Truth::new(&prepared);
@@ -82,6 +85,9 @@ pub(crate) fn run(args: &[String]) -> Result<()> {
                     "ground": walk.kind.name(),
                     "curve": parts::curve(&surface, &truth),
                 }));
+            }
+            if has("surface") {
+                profiles.extend(profiles_of(&walk, &surface, &truth)?);
             }
             if has("walks") {
                 walked.extend(walks(
@@ -96,11 +102,33 @@ pub(crate) fn run(args: &[String]) -> Result<()> {
         if has("shape") {
             add("shape", shapes)?;
         }
+        if has("surface") {
+            add("surface", profiles)?;
+        }
         if has("walks") {
             add("walks", walked)?;
         }
     }
     Ok(())
+}
+
+/// The collision surface along both courses of a walk.
+fn profiles_of(walk: &Walk, surface: &Surface, truth: &Truth<'_>) -> Result<Vec<Value>> {
+    let shape = model::reconstructed(surface);
+    model::exported(&shape, &folder(&walk.name())?, "reconstructed")?;
+    let mut rows = Vec::new();
+    for course in course::courses(truth) {
+        let row = json!({
+            "walk": walk.name(),
+            "ground": walk.kind.name(),
+            "course": course.name,
+            "from": course.to_json(),
+            "surface": profile::profile(&shape, truth, &course),
+        });
+        println!("{row:#}");
+        rows.push(row);
+    }
+    Ok(rows)
 }
 
 /// Both courses of a ground, each on true and on reconstructed ground.
@@ -224,6 +252,10 @@ struct Options {
     seeds: usize,
     out: PathBuf,
     parts: Vec<String>,
+    /// Begin of the names of the walks to run; empty for all.
+    walk: String,
+    /// Seed of all walks instead of their own: what is tuned is tuned on other walks.
+    seed: Option<u64>,
 }
 
 impl Options {
@@ -232,6 +264,8 @@ impl Options {
             seeds: SEEDS,
             out: PathBuf::from("docs/benchmarks"),
             parts: PARTS.map(str::to_owned).to_vec(),
+            walk: String::new(),
+            seed: None,
         };
         let mut rest = args.iter();
         while let Some(argument) = rest.next() {
@@ -239,11 +273,25 @@ impl Options {
                 "--quick" => parsed.seeds = QUICK_SEEDS,
                 "--out" => parsed.out = rest.next().context("--out needs a folder")?.into(),
                 "--only" => parsed.parts = arguments::parts(rest.next(), &PARTS)?,
-                other => {
-                    bail!("unknown argument {other:?}, expected --quick, --only PARTS or --out DIR")
+                "--walk" => parsed.walk = rest.next().context("--walk needs a name")?.clone(),
+                "--seed" => {
+                    let seed = rest.next().context("--seed needs a number")?;
+                    parsed.seed = Some(seed.parse().context("reading the seed")?);
                 }
+                other => bail!(
+                    "unknown argument {other:?}, expected --quick, --only PARTS, --walk NAME, \
+                     --seed N or --out DIR"
+                ),
             }
         }
         Ok(parsed)
+    }
+
+    fn walks(&self) -> impl Iterator<Item = Walk> + '_ {
+        let all = GROUNDS.into_iter().map(|number| Walk {
+            seed: self.seed.unwrap_or(WALKS[number].seed),
+            ..WALKS[number]
+        });
+        all.filter(|walk| walk.name().starts_with(&self.walk))
     }
 }

@@ -145,6 +145,46 @@ config! {
         pub end_sigma_m: f64 = 0.005,
     }
 
+    /// Constants of [`without_ramps`](crate::edges::without_ramps).
+    pub struct RampConfig {
+        /// Range of horizontal distances from its edge in which a ramp is, m. Nearer, it may be the
+        /// riser; farther, views see the ground below. On simulated stairs ramps are 10 to 17 cm
+        /// long.
+        pub min_run_m: f64 = 0.005,
+        /// See `min_run_m`.
+        pub max_run_m: f64 = 0.20,
+        /// Distance from its edge within which a vertex of a ramp is moved to the foot of the
+        /// step, m: the mesh is as steep there as its vertices allow.
+        pub foot_reach_m: f64 = 0.03,
+        /// Distance beyond its edge up to which the ground above is an error of the matcher, m: it
+        /// makes foreground wider.
+        pub max_overhang_m: f64 = 0.05,
+        /// Height above the edge from which the upper limit of a ramp falls, m, and its slope. What
+        /// stands higher on the ground below is a thing.
+        pub max_above_m: f64 = 0.03,
+        /// See `max_above_m`.
+        pub min_slope: f64 = 0.6,
+        /// Distance beyond the ends of an edge, m, as long as the ground above ends at its line and
+        /// that below was observed: edges end where few depths do.
+        pub max_extension_m: f64 = 1.0,
+        /// Distance from an edge within which the ground below it was observed, m.
+        pub max_reach_m: f64 = 0.4,
+        /// Cosines of the slopes of planes that can be ramps: 70 to 16 degrees. Steeper ones are
+        /// risers, more level ones ground.
+        pub min_plane_cos: f64 = 0.34,
+        /// See `min_plane_cos`.
+        pub max_plane_cos: f64 = 0.96,
+        /// Minimum cosine of the horizontal angle between the normal of a ramp and its step.
+        pub min_facing_cos: f64 = 0.7,
+        /// Distance from ramps up to which cells of a plane are on them, m: the border of the tread
+        /// above is smeared too.
+        pub margin_m: f64 = 0.10,
+        /// Minimum share of a ramp's observed cells that are on ramps.
+        pub min_share: f64 = 0.5,
+        /// Maximum distance of two steps of a flight, m: two goings.
+        pub max_flight_m: f64 = 0.7,
+    }
+
     /// Constants of [`build`](crate::maps::build).
     pub struct MapConfig {
         /// Edge of a cell, m.
@@ -222,6 +262,12 @@ config! {
         pub min_ground_cos: f64 = 0.71,
         /// Distance within which the border of a part is moved to an edge, m.
         pub edge_reach_m: f64 = 0.05,
+        /// Distance beyond the edge of a step up to which ground is an error of the matcher, m,
+        /// also beyond the ends of the edge, where no view saw the riser: 6 to 7 cm on simulated
+        /// stairs.
+        pub max_overhang_m: f64 = 0.08,
+        /// Maximum share of the cells of a plane that are farther beyond such an edge.
+        pub max_beyond_share: f64 = 0.01,
         /// Overlap of parts below their surface, m: a body that slides over flush ones would catch
         /// at their seams.
         pub overlap_m: f64 = 0.01,
@@ -235,6 +281,11 @@ config! {
         pub max_smear_m: f64 = 0.03,
         /// Maximum distance of a cell's height from the plane that stands for it, m.
         pub max_plane_distance_m: f64 = 0.03,
+        /// Height above an edge up to which the top of a riser is cut off there, m: depths beyond
+        /// the edge are errors.
+        pub max_riser_top_m: f64 = 0.06,
+        /// Ramps below steps, which have no parts.
+        pub ramps: RampConfig = RampConfig::default(),
     }
 
     /// Constants of `obstacle_parts` (feature `obstacles`).
@@ -252,5 +303,8 @@ config! {
         pub min_area_m2: f64 = 0.02,
         /// Height above free ground up to which a surface is that ground, m.
         pub ground_m: f64 = 0.06,
+        /// Maximum height of a step between neighboring cells whose face is ground too, m: that of
+        /// neighboring cells of a level.
+        pub max_step_m: f64 = 0.25,
     }
 }

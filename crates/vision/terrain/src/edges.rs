@@ -11,12 +11,18 @@ use crate::planes::Planes;
 mod edge;
 mod ends;
 mod intersection;
+mod ramps;
 mod runs;
 mod snapping;
 mod steps;
 
-pub use edge::{Edge, EdgeKind, Step};
-pub use snapping::snap;
+pub(crate) use ramps::Ramps;
+
+pub use self::{
+    edge::{Edge, EdgeKind, Step},
+    ramps::without_ramps,
+    snapping::snap,
+};
 
 /// The edges of planes.
 pub fn find_edges(planes: &Planes, config: &EdgeConfig) -> Vec<Edge> {

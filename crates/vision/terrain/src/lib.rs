@@ -71,7 +71,7 @@ mod view;
 
 pub use config::{
     ConvexConfig, EdgeConfig, FusionConfig, MapConfig, MeshConfig, ObstacleConfig, PlaneConfig,
-    SimplifyConfig,
+    RampConfig, SimplifyConfig,
 };
 pub use error::TerrainError;
 pub use view::{DepthView, PixelClass, RowMotion};

@@ -17,6 +17,8 @@ mod components;
 mod triangles;
 mod vertex;
 
+#[cfg(feature = "obstacles")]
+pub(crate) use components::connected;
 pub use triangles::Mesh;
 
 use cells::Neighborhood;

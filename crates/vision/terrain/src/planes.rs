@@ -27,9 +27,7 @@ mod regions;
 pub(crate) mod sums;
 pub(crate) mod support;
 
-pub use outlines::PlaneOutline;
-pub use plane::Plane;
-pub use polygon::Polygon;
+pub use self::{outlines::PlaneOutline, plane::Plane, polygon::Polygon};
 
 use assignment::{Assigner, Extent, Lookup};
 use patches::Patches;

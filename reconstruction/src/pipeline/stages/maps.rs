@@ -9,6 +9,7 @@ use scene_bundle::outputs::terrain::MeshDetail;
 use scene_bundle::outputs::{self, COLLISION, CONTACTS, MAPS, RIG_REFINED, TERRAIN};
 use serde_json::{Value, json};
 use terrain::convex::{collision_parts, obstacle_parts};
+use terrain::edges::without_ramps;
 use terrain::maps::{FREE, GroundSample, build};
 
 use self::config::MapsConfig;
@@ -33,7 +34,7 @@ impl Stage<Input> for MapsStage {
     }
 
     fn version(&self) -> u32 {
-        3
+        4
     }
 
     fn inputs(&self) -> &'static [&'static str] {
@@ -54,6 +55,7 @@ impl Stage<Input> for MapsStage {
         let stored = outputs::terrain::read(&reader)?;
         let dense = outputs::terrain::read_mesh(&reader, MeshDetail::Dense, &stored)?;
         let (mesh, planes, edges) = of_files(&stored, dense);
+        let mesh = without_ramps(&mesh, &planes, &edges, &config.convex.ramps);
         let contacts = outputs::contacts::read(&work.read(CONTACTS)?)?;
         let rig = outputs::rig::read(&work.read(RIG_REFINED)?)?;
         let patch = |own: &FootContact| contact_patch(own, &outline(&rig, own.foot), &config);

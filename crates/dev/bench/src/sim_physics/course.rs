@@ -38,6 +38,29 @@ impl Course {
         overlaps(self.ahead, 0.0, LENGTH_M) && overlaps(across, 0.0, 0.0)
     }
 
+    /// Places along the course and along parallels on either side of it, each with the height of
+    /// the footprint nearest to the middle, m.
+    pub(super) fn places(
+        &self,
+        truth: &Truth<'_>,
+        along_m: f64,
+        aside_m: f64,
+        parallels: i32,
+    ) -> Vec<Vector3<f64>> {
+        let start = Vector2::new(self.start[0], self.start[1]);
+        let left = Vector2::new(-self.ahead.y, self.ahead.x);
+        let count = (LENGTH_M / along_m) as i32;
+        let along = (0..=count).map(|k| start + self.ahead * (f64::from(k) * along_m));
+        let place = |middle: Vector2<f64>| {
+            let z = nearest_footprint(truth, middle.into())?[2];
+            Some((-parallels..=parallels).map(move |k| {
+                let at = middle + left * (f64::from(k) * aside_m);
+                Vector3::new(at.x, at.y, z)
+            }))
+        };
+        along.filter_map(place).flatten().collect()
+    }
+
     /// For the script.
     pub(super) fn to_json(&self) -> Value {
         json!({
@@ -113,11 +136,12 @@ fn from_footprints(truth: &Truth<'_>, at: Vector2<f64>) -> f64 {
 
 /// True height of the ground on the level of the nearest footprint, m.
 fn ground(truth: &Truth<'_>, at: [f64; 2]) -> Option<f64> {
-    let distance = |x: &[f64; 3]| f64::hypot(x[0] - at[0], x[1] - at[1]);
-    let nearest = truth
-        .footprints
-        .iter()
-        .map(|print| print.middle)
-        .min_by(|a, b| distance(a).total_cmp(&distance(b)))?;
+    let nearest = nearest_footprint(truth, at)?;
     truth.ground([at[0], at[1], nearest[2]], ABOVE_M)
+}
+
+fn nearest_footprint(truth: &Truth<'_>, at: [f64; 2]) -> Option<[f64; 3]> {
+    let distance = |x: &[f64; 3]| f64::hypot(x[0] - at[0], x[1] - at[1]);
+    let prints = truth.footprints.iter().map(|print| print.middle);
+    prints.min_by(|a, b| distance(a).total_cmp(&distance(b)))
 }

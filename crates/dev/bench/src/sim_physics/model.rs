@@ -32,14 +32,14 @@ const MARGIN_M: f64 = 1.2;
 pub(super) fn reconstructed(surface: &Surface) -> Collision {
     let config = ConvexConfig::default();
     let Surface {
-        mesh,
+        ground,
         planes,
         edges,
         levels,
         ..
     } = surface;
     let parts = collision_parts(planes, edges, levels, &config);
-    let obstacles = obstacle_parts(mesh, planes, levels, &ObstacleConfig::default());
+    let obstacles = obstacle_parts(ground, planes, levels, &ObstacleConfig::default());
     map_collision(parts, obstacles, planes, &config)
 }
 

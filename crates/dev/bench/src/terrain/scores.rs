@@ -251,7 +251,7 @@ fn holes(surface: &Surface, truth: &Truth<'_>, scores: &mut Scores) {
         scores.holes += usize::from(flags & KNOWN == 0);
         scores.filled += usize::from(flags & KNOWN == 0 && flags & FILLED != 0);
     }
-    let with_contacts = maps(&surface.mesh, &surface.edges, &samples);
+    let with_contacts = maps(&surface.ground, &surface.edges, &samples);
     for x in sole_cells(truth) {
         scores.sole_cells += 1;
         scores.sole_holes += usize::from(flags(&surface.levels, x) & KNOWN == 0);

@@ -2,12 +2,12 @@
 //! `terrain` and `maps`.
 
 use anyhow::Result;
-use terrain::edges::{Edge, find_edges, snap};
+use terrain::edges::{Edge, find_edges, snap, without_ramps};
 use terrain::fusion::{Volume, VolumeStats};
 use terrain::maps::{GroundSample, Level, build};
 use terrain::mesh::Mesh;
 use terrain::planes::{PlaneRefiner, Planes};
-use terrain::{EdgeConfig, FusionConfig, MapConfig, MeshConfig, PlaneConfig};
+use terrain::{EdgeConfig, FusionConfig, MapConfig, MeshConfig, PlaneConfig, RampConfig};
 
 use super::keyframes::DepthFrame;
 use crate::meter::timed;
@@ -17,6 +17,8 @@ pub(crate) struct Surface {
     /// The mesh before its vertices were moved to planes and edges.
     pub(crate) field: Mesh,
     pub(crate) mesh: Mesh,
+    /// The mesh without ramps below steps, of which maps and obstacles are made.
+    pub(crate) ground: Mesh,
     pub(crate) planes: Planes,
     pub(crate) edges: Vec<Edge>,
     pub(crate) levels: Vec<Level>,
@@ -53,12 +55,13 @@ pub(crate) fn surface(frames: &[DepthFrame], fusion: FusionConfig) -> Result<Sur
     let mut refiner = refiner;
     let (added, refined) = timed(|| frames.iter().try_for_each(|own| refiner.add(&own.view())));
     added?;
-    let ((planes, edges, levels), ended) = timed(|| {
+    let ((planes, edges, ground, levels), ended) = timed(|| {
         let planes = refiner.finish();
         let edges = find_edges(&planes, &EdgeConfig::default());
         snap(&mut mesh, &planes, &edges, fusion.voxel_m);
-        let levels = maps(&mesh, &edges, &[]);
-        (planes, edges, levels)
+        let ground = without_ramps(&mesh, &planes, &edges, &RampConfig::default());
+        let levels = maps(&ground, &edges, &[]);
+        (planes, edges, ground, levels)
     });
     let costs = Costs {
         keyframes: frames.len(),
@@ -72,6 +75,7 @@ pub(crate) fn surface(frames: &[DepthFrame], fusion: FusionConfig) -> Result<Sur
     Ok(Surface {
         field,
         mesh,
+        ground,
         planes,
         edges,
         levels,

@@ -1,11 +1,13 @@
 //! Heights of the layer of a level, so that its triangles and the parts make one surface.
 //!
-//! Contract: under a part the layer is `layer_seam_m` below its surface, so that it goes on without
-//! a ditch where the part ends. Above a step it is below the lower ground instead, if parts cover
-//! all of the upper ground around the sample or leave out at most `max_smear_m`: then the step is
-//! as steep as the part's border. Where more is left out, the step is a slope between two samples.
-//! Below a step whose lower ground is covered, the layer is so deep that this slope is at most
-//! `max_smear_m` wide above the lower part.
+//! Contract: where a part ends the layer is `layer_seam_m` below its surface, so that it goes on
+//! without a ditch. Where parts are everywhere around a sample it is `ground_thickness_m` below:
+//! nothing touches it there, and an envelope of coarser cells does not reach out over a step. Above
+//! a step it is below the lower ground instead, if parts cover all of the upper ground around the
+//! sample or leave out at most `max_smear_m`: then the step is as steep as the part's border. Where
+//! more is left out, the step is a slope between two samples. Below a step whose lower ground is
+//! covered, the layer is so deep that this slope is at most `max_smear_m` wide above the lower
+//! part.
 
 use rayon::prelude::*;
 
@@ -91,6 +93,9 @@ impl Layer<'_> {
             return own.height;
         };
         let surface = face.height(self.level.center(index));
+        if let Some(least) = self.least_around(index) {
+            return least.min(surface) - self.config.ground_thickness_m;
+        }
         let below = self.below_parts(index, face);
         below.unwrap_or(surface).min(surface) - self.config.layer_seam_m
     }
@@ -126,6 +131,29 @@ impl Layer<'_> {
         let away = [0, 1].map(|k| centers[1][k] - centers[0][k]);
         let ratio = away[0].hypot(away[1]) / self.config.max_smear_m;
         self.rise(face, higher) * (ratio - 1.0).max(0.0)
+    }
+
+    /// Least height of the parts in all triangles of a sample; `None` if they leave out some of the
+    /// ground there. At a step it may be as much as half a cell of the upper ground.
+    fn least_around(&self, index: usize) -> Option<f64> {
+        let around = AROUND.map(|step| self.neighbor(index, step));
+        let mut least = f64::INFINITY;
+        for side in 0..around.len() {
+            let corners = [index, around[side]?, around[(side + 1) % around.len()]?];
+            let heights = corners.map(|index| self.ground[index].height);
+            if heights.iter().any(|height| height.is_nan()) {
+                return None;
+            }
+            let lowest = heights.into_iter().fold(f64::INFINITY, f64::min);
+            for (at, _) in places(0, corners.map(|index| self.level.center(index))) {
+                let top = self.faces.top(at, lowest)?;
+                if top < lowest - self.config.max_plane_distance_m {
+                    return None;
+                }
+                least = least.min(top);
+            }
+        }
+        Some(least)
     }
 
     /// Greatest height of the layer at a sample below parts and beside steps; `None` if ground at
@@ -170,32 +198,38 @@ impl Layer<'_> {
             .all(|index| !self.ground[*index].height.is_nan());
         let has_step = corners.iter().any(|index| self.is_below(face, *index));
         let mut least = f64::INFINITY;
-        for first in 1..=PARTS {
-            for second in 0..=PARTS - first {
-                let weights = [first, second, PARTS - first - second];
-                let at = [0, 1].map(|k| {
-                    let parts = weights.iter().zip(&centers);
-                    parts.map(|(w, x)| *w as f64 * x[k]).sum::<f64>() / PARTS as f64
-                });
-                let plane = face.height(at);
-                let top = self.faces.top(at, plane);
-                least = least.min(top.unwrap_or(f64::INFINITY));
-                let is_covered =
-                    top.is_some_and(|top| top >= plane - self.config.max_plane_distance_m);
-                if is_covered || !is_known {
-                    continue;
-                }
-                // The sample itself if others are as near.
-                let nearest = (0..3).rev().max_by_key(|k| weights[*k]).unwrap_or(0);
-                let away = [0, 1].map(|k| at[k] - centers[nearest][k]);
-                let is_left_out = has_step && away[0].hypot(away[1]) <= self.config.max_smear_m;
-                let is_of_surface = !self.is_below(face, corners[nearest])
-                    && !self.is_above(face, corners[nearest]);
-                if is_of_surface && !is_left_out {
-                    return None;
-                }
+        for (at, weights) in places(1, centers) {
+            let plane = face.height(at);
+            let top = self.faces.top(at, plane);
+            least = least.min(top.unwrap_or(f64::INFINITY));
+            let is_covered = top.is_some_and(|top| top >= plane - self.config.max_plane_distance_m);
+            if is_covered || !is_known {
+                continue;
+            }
+            // The sample itself if others are as near.
+            let nearest = (0..3).rev().max_by_key(|k| weights[*k]).unwrap_or(0);
+            let away = [0, 1].map(|k| at[k] - centers[nearest][k]);
+            let is_left_out = has_step && away[0].hypot(away[1]) <= self.config.max_smear_m;
+            let is_of_surface =
+                !self.is_below(face, corners[nearest]) && !self.is_above(face, corners[nearest]);
+            if is_of_surface && !is_left_out {
+                return None;
             }
         }
         Some(least)
     }
+}
+
+/// Places in a triangle, with their weights in parts; that of its first corner has a least value.
+fn places(least: usize, corners: [[f64; 2]; 3]) -> impl Iterator<Item = ([f64; 2], [usize; 3])> {
+    let weights = (least..=PARTS)
+        .flat_map(|first| (0..=PARTS - first).map(move |second| (first, second)))
+        .map(|(first, second)| [first, second, PARTS - first - second]);
+    weights.map(move |weights| {
+        let at = [0, 1].map(|k| {
+            let parts = weights.iter().zip(&corners);
+            parts.map(|(w, x)| *w as f64 * x[k]).sum::<f64>() / PARTS as f64
+        });
+        (at, weights)
+    })
 }

@@ -13,7 +13,7 @@ use rayon::prelude::*;
 
 use crate::config::ObstacleConfig;
 use crate::maps::{FREE, Level};
-use crate::mesh::Mesh;
+use crate::mesh::{Mesh, connected};
 use crate::planes::Planes;
 
 /// A convex part of a thing.
@@ -44,24 +44,36 @@ pub fn obstacle_parts(
         let is_plane = triangle
             .iter()
             .all(|i| planes.of_vertex[*i as usize].is_some());
-        let is_ground = levels.iter().any(|level| {
-            let index = level.index(middle[0], middle[1]);
-            index.is_some_and(|index| {
-                let above = middle[2] - f64::from(level.upper[index]);
-                level.occupancy[index] == FREE && above.abs() <= config.ground_m
-            })
-        });
+        let is_ground = levels.iter().any(|level| is_ground(level, middle, config));
         if !is_plane && !is_ground {
             let tile = middle.map(|v| (v / config.tile_m).floor() as i32);
             tiles.entry(tile).or_default().push(*triangle);
         }
     }
-    let tiles: Vec<Vec<[u32; 3]>> = tiles.into_values().collect();
-    let parts: Vec<Vec<Obstacle>> = tiles
+    // Things that do not touch have no hull in common.
+    let things: Vec<Vec<[u32; 3]>> = tiles.values().flat_map(|own| connected(own)).collect();
+    let parts: Vec<Vec<Obstacle>> = things
         .par_iter()
         .map(|triangles| decompose(mesh, triangles, config))
         .collect();
     parts.into_iter().flatten().collect()
+}
+
+/// Whether a point is on the free ground of a level, or on the face of a step between the grounds
+/// of neighboring cells.
+fn is_ground(level: &Level, [x, y, z]: [f64; 3], config: &ObstacleConfig) -> bool {
+    let Some(index) = level.index(x, y) else {
+        return false;
+    };
+    let near = level.near(index, 1.5 * level.cell_m);
+    let cells = std::iter::once(index).chain(near.map(|(other, _)| other));
+    let (mut is_above, mut is_below) = (false, false);
+    for cell in cells.filter(|cell| level.occupancy[*cell] == FREE) {
+        let [lower, upper] = [&level.lower, &level.upper].map(|of| z - f64::from(of[cell]));
+        is_above |= (-config.ground_m..=config.max_step_m).contains(&lower);
+        is_below |= (-config.max_step_m..=config.ground_m).contains(&upper);
+    }
+    is_above && is_below
 }
 
 fn decompose(mesh: &Mesh, triangles: &[[u32; 3]], config: &ObstacleConfig) -> Vec<Obstacle> {

@@ -39,6 +39,8 @@ struct EdgeLine {
     length: f64,
     /// Side of the plane, as the sign of coordinates across the line; 0 if it is on both.
     side: f64,
+    /// Whether the plane ends at the line also beyond the ends of the edge.
+    is_whole_border: bool,
 }
 
 /// The prism of a piece, with its border on the edges near it.
@@ -49,7 +51,8 @@ pub(super) fn prism(
     edges: &[&Edge],
     config: &ConvexConfig,
 ) -> Option<ConvexPart> {
-    let lines: Vec<EdgeLine> = edges.iter().filter_map(|edge| line(plane, edge)).collect();
+    let lines = edges.iter().filter_map(|edge| line(plane, edge, config));
+    let lines: Vec<EdgeLine> = lines.collect();
     let mut corners = piece.to_vec();
     // Corners where an edge ends or meets the border of the piece.
     for line in &lines {
@@ -124,7 +127,7 @@ impl EdgeLine {
     }
 }
 
-fn line(plane: &Plane, edge: &Edge) -> Option<EdgeLine> {
+fn line(plane: &Plane, edge: &Edge, config: &ConvexConfig) -> Option<EdgeLine> {
     let [from, to] = [edge.from, edge.to].map(|x| {
         let [s, t, _] = plane.frame.coordinates(&Vector3::from(x));
         [s, t]
@@ -136,17 +139,26 @@ fn line(plane: &Plane, edge: &Edge) -> Option<EdgeLine> {
         along: along.map(|v| v / length),
         length,
         side: 0.0,
+        is_whole_border: false,
     };
     line.side = side(plane, &line);
+    line.is_whole_border = edge.step.is_some() && is_whole_border(plane, &line, config);
     (length > 1e-3).then_some(line)
 }
 
-/// Side of a line on which a plane was observed, if it is hardly on the other one.
+/// Side of a line on which a plane was observed, if it is hardly on the other one; near it matchers
+/// make the plane wider.
 fn side(plane: &Plane, line: &EdgeLine) -> f64 {
-    const NEAR_M: [f64; 3] = [0.03, 0.05, 0.07];
+    const NEAR_M: [[f64; 3]; 2] = [[0.03, 0.05, 0.07], [0.09, 0.12, 0.15]];
+    let sides = NEAR_M.map(|across_m| side_at(plane, line, across_m));
+    sides.into_iter().find(|side| *side != 0.0).unwrap_or(0.0)
+}
+
+/// The same at distances from the line, m.
+fn side_at(plane: &Plane, line: &EdgeLine, across_m: [f64; 3]) -> f64 {
     let samples = (line.length / 0.02).ceil().max(1.0);
     let count = |sign: f64| {
-        let observed = (0..samples as usize).flat_map(|k| NEAR_M.map(|across| (k, across)));
+        let observed = (0..samples as usize).flat_map(|k| across_m.map(|across| (k, across)));
         let at = |(k, across): (usize, f64)| {
             let at = line.at((k as f64 + 0.5) / samples * line.length);
             let [x, y] = line.along;
@@ -165,6 +177,22 @@ fn side(plane: &Plane, line: &EdgeLine) -> f64 {
     }
 }
 
+/// Whether hardly anything of a plane was observed farther beyond a line than matchers make it
+/// wider.
+fn is_whole_border(plane: &Plane, line: &EdgeLine, config: &ConvexConfig) -> bool {
+    let observed = plane.observed.iter().enumerate().filter(|(_, is)| **is);
+    let is_beyond = |index: usize| {
+        let [_, across] = line.coordinates(plane.support.center(index));
+        line.side * across < -config.max_overhang_m
+    };
+    let (mut count, mut beyond) = (0_usize, 0_usize);
+    for (index, _) in observed {
+        count += 1;
+        beyond += usize::from(is_beyond(index));
+    }
+    beyond as f64 <= config.max_beyond_share * count as f64
+}
+
 /// An outline without what is beyond an edge of its plane.
 fn clipped(outline: Vec<[f64; 2]>, line: &EdgeLine, reach: f64) -> Vec<[f64; 2]> {
     let inside = |at: [f64; 2]| line.side * line.coordinates(at)[1] >= -1e-9;
@@ -175,8 +203,9 @@ fn clipped(outline: Vec<[f64; 2]>, line: &EdgeLine, reach: f64) -> Vec<[f64; 2]>
             (low.min(along), high.max(along))
         });
     let overlap = (high.min(line.length) - low.max(0.0)).max(0.0) + 2.0 * reach;
-    // What is beyond the line has to be mostly beside the edge.
-    if line.side == 0.0 || low > high || 2.0 * overlap < high - low {
+    // What is beyond the line has to be mostly beside the edge, or little everywhere.
+    let is_beside = line.is_whole_border || 2.0 * overlap >= high - low;
+    if line.side == 0.0 || low > high || !is_beside {
         return outline;
     }
     let next = outline.iter().cycle().skip(1);

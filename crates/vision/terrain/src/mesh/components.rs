@@ -23,6 +23,31 @@ impl Sets {
     }
 }
 
+/// Triangles by the connected part that they belong to; parts in the order of their first triangle.
+#[cfg(feature = "obstacles")]
+pub(crate) fn connected(triangles: &[[u32; 3]]) -> Vec<Vec<[u32; 3]>> {
+    let mut numbers: Vec<u32> = triangles.iter().flatten().copied().collect();
+    numbers.sort_unstable();
+    numbers.dedup();
+    let number = |vertex: u32| numbers.binary_search(&vertex).unwrap_or(0) as u32;
+    let mut sets = Sets((0..numbers.len() as u32).collect());
+    for [a, b, c] in triangles.iter().map(|own| own.map(number)) {
+        sets.join(a, b);
+        sets.join(b, c);
+    }
+    let mut part_of_root = vec![usize::MAX; numbers.len()];
+    let mut parts: Vec<Vec<[u32; 3]>> = Vec::new();
+    for triangle in triangles {
+        let part = &mut part_of_root[sets.root(number(triangle[0])) as usize];
+        if *part == usize::MAX {
+            *part = parts.len();
+            parts.push(Vec::new());
+        }
+        parts[*part].push(*triangle);
+    }
+    parts
+}
+
 /// Removes connected parts of less than an area, and vertices of no triangle.
 pub(super) fn remove_small(mesh: &mut Mesh, min_m2: f64) {
     let count = mesh.positions.len();

@@ -31,19 +31,15 @@ class HeightField:
                 found.append(HeightField(origin, self.cell_m, heights))
         return found
 
-    def upper_envelope(self, factor: int) -> HeightField:
-        """A grid of cells `factor` times as wide that is nowhere below this one."""
-        rows, columns = self.heights_m.shape
-        size = [-(-(n - 1) // factor) + 1 for n in (rows, columns)]
-        heights = np.empty(size)
-        for row in range(size[0]):
-            # A vertex bears on all cells around it.
-            y = slice(max(0, (row - 1) * factor), (row + 1) * factor + 1)
-            for column in range(size[1]):
-                x = slice(max(0, (column - 1) * factor), (column + 1) * factor + 1)
-                heights[row, column] = self.heights_m[y, x].max()
+    def coarser(self, factor: int, below_m: float = 0.0) -> HeightField:
+        """A grid of cells `factor` times as wide, `below_m` below the heights at its vertices.
+
+        It has the last heights of this one beyond its end. An upper envelope would reach out over
+        steps by the width of its cells, and the trunk of a robot would drag there.
+        """
+        rows, columns = ([*range(0, n - 1, factor), n - 1] for n in self.heights_m.shape)
         cell = (self.cell_m[0] * factor, self.cell_m[1] * factor)
-        return HeightField(self.origin_m, cell, heights)
+        return HeightField(self.origin_m, cell, self.heights_m[np.ix_(rows, columns)] - below_m)
 
 
 def read_height_field(path: Path, size: Sequence[float], position: Sequence[float]) -> HeightField:

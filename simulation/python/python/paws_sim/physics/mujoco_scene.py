@@ -11,7 +11,7 @@ layer      geometry                                  touched by
 =========  ========================================  ===================
 parts      convex parts as they are                  feet and the rest
 fine       height fields in tiles of 64 x 64 cells   feet
-coarse     their upper envelope, cells of 12 cm      the rest
+coarse     every third of their heights, 12 cm       the rest
 =========  ========================================  ===================
 """
 
@@ -44,6 +44,8 @@ TILE_CELLS = 64
 COARSE_CELL_M = 0.12
 # Thickness of a height field below its lowest height, and its least range, m: both must be > 0.
 _BASE_M = 0.1
+# Depth of the coarse layer below the fine one, m: a ray meets one after the other.
+_COARSE_BELOW_M = 1e-3
 _MIN_RANGE_M = 1e-4
 
 _MAGIC = b"PAWSMJ01"
@@ -81,7 +83,7 @@ def scene_spec(
         spec.delete(asset)
         factor = max(1, round(coarse_cell_m / field.cell_m[0]))
         _add_tiles(spec, f"{name}_fine", field, tile_cells, FINE_BIT)
-        _add_tiles(spec, f"{name}_coarse", field.upper_envelope(factor), tile_cells, COARSE_BIT)
+        _add_tiles(spec, f"{name}_coarse", field.coarser(factor, _COARSE_BELOW_M), tile_cells, COARSE_BIT)
     return spec
 
 
