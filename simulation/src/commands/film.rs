@@ -14,7 +14,7 @@ use scene_bundle::layout;
 use super::walk::{SIZE, Walk};
 
 /// Steps of the simulation between two images.
-const STEPS_PER_IMAGE: u32 = 2;
+pub(super) const STEPS_PER_IMAGE: u32 = 2;
 
 /// What the map shows.
 const LEGEND: &str = "Map: free ground is gray by its height, obstacles are brown, unknown ground is \
@@ -41,47 +41,20 @@ pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode> {
     let mut frames = Vec::new();
     for step in 0..=steps {
         if step % STEPS_PER_IMAGE == 0 {
-            frames.push(FilmFrame {
-                jpeg_base64: base64(&walk.image()?),
-                map_px: walk.map_px(),
-                heading_rad: walk.state().yaw_rad,
-                caption: walk.caption()?,
-            });
+            frames.push(frame(&mut walk)?);
         }
         if step < steps {
             let action = walk.guide();
             walk.step(action)?;
         }
     }
-    let map = FilmMap {
-        png_base64: base64(&walk.map.png()?),
-        size: walk.map.size(),
-    };
-    let summary = format!(
-        "An agent walked {:.1} m in {} s, reached {} goals, was stopped in {} steps and restarted {} times.",
-        walk.path_m(),
-        arguments.seconds,
-        walk.reached(),
-        walk.collisions(),
-        walk.ends(),
-    );
-    let film = SceneFilm {
-        summary: format!("{summary} {LEGEND}"),
-        film: Film {
-            step_s: f64::from(STEPS_PER_IMAGE) * walk.step_s(),
-            size: SIZE,
-            frames,
-            map: Some(map),
-        },
-    };
+    let summary = summary(&walk, f64::from(arguments.seconds));
+    let film = scene_film(&summary, &walk, frames)?;
     let folder = folder(&arguments.scene);
     film::write(&folder, &film)
         .with_context(|| format!("writing {}", folder.join(layout::FILM).display()))?;
     if let Some(path) = &arguments.page {
-        let page = Page::new("An agent in a reconstructed scene")
-            .text(&film.summary)
-            .embed(&film.film.to_html("what the agent sees"));
-        fs::write(path, page.to_html()).with_context(|| format!("writing {}", path.display()))?;
+        fs::write(path, page(&film)).with_context(|| format!("writing {}", path.display()))?;
     }
     print(format_args!(
         "{} {}",
@@ -89,6 +62,52 @@ pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode> {
         folder.join(layout::FILM).display()
     ))?;
     Ok(ExitCode::SUCCESS)
+}
+
+/// What the agent sees now.
+pub(super) fn frame(walk: &mut Walk) -> Result<FilmFrame> {
+    Ok(FilmFrame {
+        jpeg_base64: base64(&walk.image()?),
+        map_px: walk.map_px(),
+        heading_rad: walk.state().yaw_rad,
+        caption: walk.caption()?,
+    })
+}
+
+/// What an agent did in a time.
+pub(super) fn summary(walk: &Walk, seconds: f64) -> String {
+    format!(
+        "An agent walked {:.1} m in {seconds:.0} s, reached {} goals, was stopped in {} steps and restarted {} times.",
+        walk.path_m(),
+        walk.reached(),
+        walk.collisions(),
+        walk.ends(),
+    )
+}
+
+/// A film with the map of a walk.
+pub(super) fn scene_film(summary: &str, walk: &Walk, frames: Vec<FilmFrame>) -> Result<SceneFilm> {
+    let map = FilmMap {
+        png_base64: base64(&walk.map.png()?),
+        size: walk.map.size(),
+    };
+    Ok(SceneFilm {
+        summary: format!("{summary} {LEGEND}"),
+        film: Film {
+            step_s: f64::from(STEPS_PER_IMAGE) * walk.step_s(),
+            size: SIZE,
+            frames,
+            map: Some(map),
+        },
+    })
+}
+
+/// A page with a film.
+pub(super) fn page(film: &SceneFilm) -> String {
+    Page::new("An agent in a reconstructed scene")
+        .text(&film.summary)
+        .embed(&film.film.to_html("what the agent sees"))
+        .to_html()
 }
 
 /// The folder of a bundle that is named by its folder or its manifest.

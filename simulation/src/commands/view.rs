@@ -1,5 +1,6 @@
 //! `paws-sim view`: an agent in a scene, driven from a page on this machine.
 
+mod drive;
 mod server;
 
 use std::path::PathBuf;
@@ -12,7 +13,7 @@ use command_line::complain;
 use command_line::output::print;
 
 use super::walk::{SIZE, Walk};
-use server::{Control, View};
+use drive::Drive;
 
 const PAGE: &str = include_str!("view/page.html");
 
@@ -29,35 +30,9 @@ pub(crate) struct Arguments {
 }
 
 pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode> {
-    let mut walk = Walk::open(&arguments.scene, arguments.seed)?;
+    let walk = Walk::open(&arguments.scene, arguments.seed)?;
     let name = arguments.scene.file_name().unwrap_or_default();
     let page = page(&name.to_string_lossy(), &walk)?;
-    let mut ends = 0;
-    let mut is_start = true;
-    let step = move |control: Control| {
-        if control.reset {
-            walk.reset()?;
-            is_start = true;
-        } else if !is_start {
-            let action = match control.autopilot {
-                true => walk.guide(),
-                false => [control.forward, control.turn],
-            };
-            walk.step(action)?;
-            is_start = walk.ends() > ends;
-            ends = walk.ends();
-        }
-        let view = View {
-            jpeg_base64: base64(&walk.image()?),
-            map_px: walk.map_px(),
-            heading_rad: walk.state().yaw_rad,
-            goal_px: walk.goal_px().filter(|_| control.autopilot),
-            caption: walk.caption()?,
-            is_start: std::mem::take(&mut is_start),
-            step_s: walk.step_s(),
-        };
-        Ok(view)
-    };
     let announce = |address| {
         let ready = print(format_args!("http://{address}/"));
         complain!("Ctrl-C ends it");
@@ -65,7 +40,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode> {
             log::error!("{error:#}");
         }
     };
-    server::serve(arguments.port, page, step, announce)?;
+    server::serve(arguments.port, page, Drive::new(walk), announce)?;
     Ok(ExitCode::SUCCESS)
 }
 

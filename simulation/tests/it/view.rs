@@ -57,4 +57,22 @@ fn the_page_shows_an_agent_and_drives_it() {
     browser.value("dispatchEvent(new KeyboardEvent('keyup', { key: 'a' })); 0");
     browser.value("document.getElementById('reset').click(); 0");
     browser.until("document.getElementById('path').getAttribute('points').split(' ').length < 3");
+    let start = "document.getElementById('start')";
+    assert_eq!(
+        browser.value(&format!("getComputedStyle({start}).display")),
+        json!("inline")
+    );
+    // The film so far is a page of its own.
+    let link = "document.querySelector('a[download]').href";
+    let film = browser.value(link);
+    browser.open(film.as_str().expect("an address"));
+    browser.until("document.querySelector('.film-image')?.naturalWidth === 384");
+    let text = browser.value("document.body.innerText").to_string();
+    assert!(text.contains("An agent walked"), "{text}");
+    assert_eq!(
+        browser.value("document.documentElement.scrollWidth <= innerWidth"),
+        json!(true)
+    );
+    let exceptions = browser.exceptions();
+    assert!(exceptions.is_empty(), "{exceptions:?}");
 }

@@ -3,6 +3,7 @@
 //! Contract: it listens on the loopback interface only and answers requests that name it as
 //! `localhost` or `127.0.0.1`, so that pages from elsewhere cannot use it. `GET /` is the page,
 //! `POST /step` takes a [`Control`] and gives a [`View`]; the page decides when the next step is.
+//! `GET /film.html` is a page with the film so far.
 
 use std::cell::RefCell;
 use std::convert::Infallible;
@@ -57,15 +58,29 @@ pub(crate) struct View {
     pub(crate) step_s: f64,
 }
 
-/// Serves until the process ends. `step` advances the simulation; `ready` is called with the
-/// address once connections are accepted.
+/// What the page shows.
+pub(crate) trait Session {
+    /// Advances the simulation.
+    ///
+    /// # Errors
+    /// Files of the scene that changed, or an image that cannot be rendered.
+    fn step(&mut self, control: Control) -> Result<View>;
+
+    /// A page with the film so far.
+    ///
+    /// # Errors
+    /// A map that cannot be encoded.
+    fn film(&self) -> Result<String>;
+}
+
+/// Serves until the process ends. `ready` is called with the address once connections are accepted.
 ///
 /// # Errors
 /// The port is not free.
 pub(crate) fn serve(
     port: u16,
     page: String,
-    step: impl FnMut(Control) -> Result<View> + 'static,
+    session: impl Session + 'static,
     ready: impl FnOnce(SocketAddr),
 ) -> Result<()> {
     let runtime = tokio::runtime::Builder::new_current_thread()
@@ -73,7 +88,7 @@ pub(crate) fn serve(
         .build()
         .context("starting the server")?;
     let page = Bytes::from(page);
-    let step = Rc::new(RefCell::new(step));
+    let session = Rc::new(RefCell::new(session));
     LocalSet::new().block_on(&runtime, async move {
         let listener = TcpListener::bind((Ipv4Addr::LOCALHOST, port));
         let listener = listener.await.with_context(|| {
@@ -82,10 +97,10 @@ pub(crate) fn serve(
         ready(listener.local_addr().context("reading the address")?);
         loop {
             let (stream, _) = listener.accept().await.context("accepting a connection")?;
-            let (page, step) = (page.clone(), Rc::clone(&step));
+            let (page, session) = (page.clone(), Rc::clone(&session));
             let service = service_fn(move |request| {
-                let (page, step) = (page.clone(), Rc::clone(&step));
-                async move { Ok::<_, Infallible>(answer(request, page, &step).await) }
+                let (page, session) = (page.clone(), Rc::clone(&session));
+                async move { Ok::<_, Infallible>(answer(request, page, &session).await) }
             });
             tokio::task::spawn_local(async move {
                 let connection =
@@ -101,7 +116,7 @@ pub(crate) fn serve(
 async fn answer(
     request: Request<Incoming>,
     page: Bytes,
-    step: &RefCell<impl FnMut(Control) -> Result<View>>,
+    session: &RefCell<impl Session>,
 ) -> Response<Full<Bytes>> {
     let host = request
         .headers()
@@ -132,14 +147,25 @@ async fn answer(
                 Ok(control) => control,
                 Err(error) => return plain(StatusCode::BAD_REQUEST, &error.to_string()),
             };
-            // The runtime has one thread and the closure does not wait: nothing else borrows it.
-            let view = (step.borrow_mut())(control);
+            // The runtime has one thread and the session does not wait: nothing else borrows it.
+            let view = session.borrow_mut().step(control);
             match view.and_then(|view| Ok(serde_json::to_vec(&view)?)) {
                 Ok(view) => typed(StatusCode::OK, "application/json", Bytes::from(view)),
                 Err(error) => plain(StatusCode::INTERNAL_SERVER_ERROR, &format!("{error:#}")),
             }
         }
-        _ => plain(StatusCode::NOT_FOUND, "expected GET / or POST /step"),
+        (&Method::GET, "/film.html") => match session.borrow().film() {
+            Ok(film) => typed(
+                StatusCode::OK,
+                "text/html; charset=utf-8",
+                Bytes::from(film),
+            ),
+            Err(error) => plain(StatusCode::INTERNAL_SERVER_ERROR, &format!("{error:#}")),
+        },
+        _ => plain(
+            StatusCode::NOT_FOUND,
+            "expected GET /, GET /film.html or POST /step",
+        ),
     }
 }
 
