@@ -17,6 +17,8 @@ pub(super) struct Drive {
     walk: Walk,
     /// Whether the next view is that of a start.
     is_start: bool,
+    /// Start of the episode on the map, px.
+    start_px: [f64; 2],
     /// Steps since the first start.
     steps: u64,
     frames: VecDeque<FilmFrame>,
@@ -27,6 +29,7 @@ impl Drive {
         Self {
             walk,
             is_start: true,
+            start_px: [0.0; 2],
             steps: 0,
             frames: VecDeque::new(),
         }
@@ -53,10 +56,14 @@ impl Session for Drive {
     fn step(&mut self, control: Control) -> Result<View> {
         self.advance(&control)?;
         let frame = film::frame(&mut self.walk)?;
+        if self.is_start {
+            self.start_px = frame.map_px;
+        }
         let view = View {
             jpeg_base64: frame.jpeg_base64.clone(),
             map_px: frame.map_px,
             heading_rad: frame.heading_rad,
+            start_px: self.start_px,
             goal_px: self.walk.goal_px().filter(|_| control.autopilot),
             caption: frame.caption.clone(),
             is_start: std::mem::take(&mut self.is_start),

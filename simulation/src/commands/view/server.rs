@@ -48,6 +48,8 @@ pub(crate) struct View {
     pub(crate) map_px: [f64; 2],
     /// Direction of view on the map, counterclockwise from the right, rad.
     pub(crate) heading_rad: f64,
+    /// Start of the episode on the map, px.
+    pub(crate) start_px: [f64; 2],
     /// Goal on the map, px.
     pub(crate) goal_px: Option<[f64; 2]>,
     /// What happens, in a few words.
