@@ -2,8 +2,10 @@
 //! ditch and no hole.
 
 mod ground;
+mod outlines;
 
-use ground::{Border, CELL_M, Ground, Place, Surface, plane, resting, riser, tread};
+use ground::{Border, CELL_M, Ground, Place, Surface, resting};
+use outlines::{plane, riser, tread};
 use terrain::ConvexConfig;
 use terrain::edges::EdgeKind;
 

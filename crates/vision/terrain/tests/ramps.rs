@@ -1,8 +1,8 @@
 //! A step whose riser no view saw: the matcher's ramp below it is neither in maps nor in parts.
 
-mod ground;
+mod outlines;
 
-use ground::{plane, riser, tread};
+use outlines::{plane, riser, tread};
 use terrain::convex::{Collision, collision_parts};
 use terrain::edges::{Edge, EdgeKind, Step, without_ramps};
 use terrain::mesh::Mesh;
