@@ -97,7 +97,13 @@ config! {
         /// Maximum chi-square per depth of a plane. Above, the surface is not plane.
         pub max_chi_square: f64 = 1.8,
         /// Maximum root mean square distance of the means of patches of 6 cm from their plane,
-        /// beyond their own errors, m. Above, the ground is rough.
+        /// beyond their own errors, in standard deviations of a depth: the matcher makes bumps in
+        /// proportion to its noise, 0.2 to 0.5 of it on simulated pavements. Above, the ground is
+        /// rough.
+        pub max_roughness_sigmas: f64 = 0.55,
+        /// That limit at least, m: bumps that the matcher makes nearby, up to 4.4 mm.
+        pub min_roughness_m: f64 = 0.0045,
+        /// That limit at most, m.
         pub max_roughness_m: f64 = 0.008,
         /// Minimum area of a plane without edges that vertices of the mesh are moved to, m2.
         /// Smaller ones are facets of rough ground.

@@ -236,8 +236,7 @@ fn fitted(config: &PlaneConfig, extent: Extent, collected: Collected) -> Option<
         return None;
     }
     let height = covariance * right;
-    let roughness_m = patches.roughness_m(&height, config.correlated_samples);
-    if roughness_m > config.max_roughness_m {
+    if patches.is_rough(&height, config) {
         return None;
     }
     let frame = extent.frame.adjusted(height.into());

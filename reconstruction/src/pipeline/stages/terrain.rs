@@ -40,7 +40,7 @@ impl Stage<Input> for TerrainStage {
     }
 
     fn version(&self) -> u32 {
-        2
+        3
     }
 
     fn inputs(&self) -> &'static [&'static str] {
