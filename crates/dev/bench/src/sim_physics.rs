@@ -87,7 +87,7 @@ pub(crate) fn run(args: &[String]) -> Result<()> {
                 }));
             }
             if has("surface") {
-                profiles.extend(profiles_of(&walk, &surface, &truth)?);
+                profiles.extend(course_profiles(&walk, &surface, &truth)?);
             }
             if has("walks") {
                 walked.extend(walks(
@@ -113,7 +113,7 @@ pub(crate) fn run(args: &[String]) -> Result<()> {
 }
 
 /// The collision surface along both courses of a walk.
-fn profiles_of(walk: &Walk, surface: &Surface, truth: &Truth<'_>) -> Result<Vec<Value>> {
+fn course_profiles(walk: &Walk, surface: &Surface, truth: &Truth<'_>) -> Result<Vec<Value>> {
     let shape = model::reconstructed(surface);
     model::exported(&shape, &folder(&walk.name())?, "reconstructed")?;
     let mut rows = Vec::new();
@@ -123,7 +123,7 @@ fn profiles_of(walk: &Walk, surface: &Surface, truth: &Truth<'_>) -> Result<Vec<
             "ground": walk.kind.name(),
             "course": course.name,
             "from": course.to_json(),
-            "surface": profile::profile(&shape, truth, &course),
+            "surface": profile::of_course(&shape, truth, &course),
         });
         println!("{row:#}");
         rows.push(row);
@@ -288,10 +288,8 @@ impl Options {
     }
 
     fn walks(&self) -> impl Iterator<Item = Walk> + '_ {
-        let all = GROUNDS.into_iter().map(|number| Walk {
-            seed: self.seed.unwrap_or(WALKS[number].seed),
-            ..WALKS[number]
-        });
+        let all = GROUNDS.map(|number| WALKS[number].with_seed(self.seed));
+        let all = all.into_iter();
         all.filter(|walk| walk.name().starts_with(&self.walk))
     }
 }

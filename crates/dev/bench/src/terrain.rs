@@ -276,10 +276,7 @@ impl Options {
         };
         let mut jobs: Vec<(String, Job)> = walks
             .into_iter()
-            .map(|walk| Walk {
-                seed: self.seed.unwrap_or(walk.seed),
-                ..walk
-            })
+            .map(|walk| walk.with_seed(self.seed))
             .map(|walk| (walk.name(), Job::Walk(walk)))
             .collect();
         if part == "open3d" {

@@ -37,7 +37,7 @@ struct Face {
 const KINDS: [&str; 4] = ["ground", "wall", "obstacle", "layer"];
 
 /// Errors of the surface at places farther than 3 cm from steps.
-pub(super) fn profile(collision: &Collision, truth: &Truth<'_>, course: &Course) -> Value {
+pub(super) fn of_course(collision: &Collision, truth: &Truth<'_>, course: &Course) -> Value {
     let faces = faces(collision);
     let layers: Vec<HeightLayer> = collision
         .layers

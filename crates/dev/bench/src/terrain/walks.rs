@@ -67,6 +67,14 @@ pub(crate) struct KeyframeId {
 }
 
 impl Walk {
+    /// The walk with another seed, if one is given: what is tuned is tuned on other walks.
+    pub(crate) fn with_seed(self, seed: Option<u64>) -> Self {
+        Self {
+            seed: seed.unwrap_or(self.seed),
+            ..self
+        }
+    }
+
     /// Scene, light, seed and columns.
     pub(crate) fn name(&self) -> String {
         let [width, height] = self.size;

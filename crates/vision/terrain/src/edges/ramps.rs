@@ -1,9 +1,9 @@
 //! Ramps below steps that are errors of the matcher.
 //!
 //! A view from above sees the border of a tread and, behind it, the tread below, but not the riser
-//! between them. Matchers join both over a few pixels, which gives a ramp away from the view: in
-//! the mesh, and where many views agree even as a plane. Where the depths of other views end at
-//! the edge (an edge of the type `End` with a step), no surface can be on the ramp.
+//! between them. Matchers join both over a few pixels by a ramp that descends away from the
+//! camera: in the mesh, and where many views agree even as a plane. Where the depths of other views
+//! end at the edge (an edge of the type `End` with a step), no surface can be on the ramp.
 //!
 //! Contract: a point is on a ramp if it is beside such an edge on its lower side, below a line that
 //! falls from the edge at `min_slope`, and above the plane below the step. Edges of leaning planes
