@@ -8,6 +8,7 @@ use crate::episode::task::goals::Goal;
 use crate::geodesic::DistanceField;
 use crate::scene::{Area, Recording, Sector};
 use crate::support::SupportConfig;
+use crate::support::tests::coarse;
 use crate::world::episode::Target;
 
 const BLOCKS: [EndReason; 3] = [
@@ -218,7 +219,7 @@ fn every_reason_ends_alone_and_in_pairs() {
 fn ended(scene: &Arc<SceneData>, state: &AgentState, change: impl Fn(&mut EndConfig)) -> EndReason {
     let mut config = config(1, Task::Velocity);
     config.end.max_deviation_m = 99.0;
-    config.support = scene.sectors[0].gaussians.is_some().then(Default::default);
+    config.support = scene.sectors[0].gaussians.is_some().then(coarse);
     let mut world = World::new(scene.clone(), config.clone()).unwrap();
     world.reset(None, None).unwrap();
     let mut ends = config.end;
@@ -264,7 +265,7 @@ fn the_predicted_psnr_ends_alone() {
     let mut world = World::new(
         scene.clone(),
         WorldConfig {
-            support: Some(SupportConfig::default()),
+            support: Some(coarse()),
             ..config(1, Task::Velocity)
         },
     )

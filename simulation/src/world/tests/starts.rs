@@ -6,7 +6,8 @@ use crate::episode::path::horizontal_m;
 use crate::episode::start::Exclusions;
 use crate::ground::Ground;
 use crate::reference_poses::viewing_direction;
-use crate::support::{SupportConfig, SupportGrid};
+use crate::support::SupportGrid;
+use crate::support::tests::coarse;
 use scene_bundle::outputs::maps::{FREE, MapLevel};
 use std::collections::BTreeSet;
 
@@ -92,7 +93,7 @@ fn apart(pose: &RigidTransform, reference: &RigidTransform) -> [f64; 2] {
     [distance_m, libm::acos(cosine.clamp(-1.0, 1.0))]
 }
 
-/// Predicted PSNR as a mean of the places by hat functions of 0.5 m and of an eighth of a turn.
+/// Predicted PSNR as a mean of the places by hat functions of 2 m and of a third of a turn.
 fn support_db(grid: &SupportGrid, corner_m: [f64; 2], state: &AgentState) -> f64 {
     let [x, y, z] = state.position_m;
     let hat = |a: f64| (1.0 - a.abs()).max(0.0);
@@ -102,15 +103,15 @@ fn support_db(grid: &SupportGrid, corner_m: [f64; 2], state: &AgentState) -> f64
             continue;
         }
         let away = |k: usize, at: f64| {
-            let point = ((node.position_m[k] - corner_m[k]) / 0.5).round();
-            hat((at - corner_m[k]) / 0.5 - point)
+            let point = ((node.position_m[k] - corner_m[k]) / 2.0).round();
+            hat((at - corner_m[k]) / 2.0 - point)
         };
         let weight = away(0, x) * away(1, y);
         if weight == 0.0 {
             continue;
         }
         for (heading, db) in node.psnr_db.iter().enumerate() {
-            let turn = std::f64::consts::TAU / 8.0;
+            let turn = std::f64::consts::TAU / 3.0;
             let between = state.yaw_rad - heading as f64 * turn;
             let between = libm::remainder(between, std::f64::consts::TAU);
             sum += weight * hat(between / turn) * f64::from(*db);
@@ -121,8 +122,15 @@ fn support_db(grid: &SupportGrid, corner_m: [f64; 2], state: &AgentState) -> f64
 }
 
 /// Draws starts in resets of many environments and checks each.
-fn draw(scene: &Arc<SceneData>, config: WorldConfig, resets: usize) -> Vec<[f64; 2]> {
+fn draw(
+    scene: &Arc<SceneData>,
+    config: WorldConfig,
+    grids: &[SupportGrid],
+    resets: usize,
+) -> Vec<[f64; 2]> {
     let mut world = World::new(scene.clone(), config).unwrap();
+    // Made once for all worlds of a scene.
+    world.shared.support = grids.to_vec();
     let mut positions = Vec::new();
     let sectors = 0..scene.sectors.len();
     let components: Vec<_> = sectors
@@ -192,19 +200,19 @@ fn draw(scene: &Arc<SceneData>, config: WorldConfig, resets: usize) -> Vec<[f64;
     positions
 }
 
-/// The median of the predictions in a scene, dB: a condition that half of the starts do not hold.
-fn least_db(scene: &Arc<SceneData>) -> f64 {
+/// Predictions in a scene, and their median, dB: a condition that half of the starts do not hold.
+fn predictions(scene: &Arc<SceneData>) -> (Vec<SupportGrid>, f64) {
     let config = WorldConfig {
-        support: Some(SupportConfig::default()),
+        support: Some(coarse()),
         ..config(1, Task::Velocity)
     };
     let mut world = World::new(scene.clone(), config).unwrap();
     world.prepare(&|_, _| {}).unwrap();
-    let grids = world.support().iter().flat_map(SupportGrid::nodes);
-    let mut all: Vec<f32> = grids.flat_map(|node| node.psnr_db.to_vec()).collect();
+    let nodes = world.support().iter().flat_map(SupportGrid::nodes);
+    let mut all: Vec<f32> = nodes.flat_map(|node| node.psnr_db.to_vec()).collect();
     all.sort_by(f32::total_cmp);
     assert!(all[all.len() / 10] < all[all.len() / 2]);
-    f64::from(all[all.len() / 2])
+    (world.support().to_vec(), f64::from(all[all.len() / 2]))
 }
 
 #[test]
@@ -217,11 +225,13 @@ fn starts_hold_all_their_conditions() {
     ];
     let mut count = 0;
     for scene in scenes.map(|scene| scene.unwrap().scene) {
+        let (grids, least_db) = predictions(&scene);
         for mode in [StartMode::FreeSpace, StartMode::Recorded] {
             let mut config = config(500, Task::Velocity);
             config.start.mode = mode;
-            config.start.min_support_db = least_db(&scene);
-            count += draw(&scene, config, 26).len();
+            config.support = Some(coarse());
+            config.start.min_support_db = least_db;
+            count += draw(&scene, config, &grids, 26).len();
         }
     }
     assert_eq!(count, 104_000);
@@ -234,7 +244,7 @@ fn starts_in_free_space_are_uniform_by_area() {
     config.start.mode = StartMode::FreeSpace;
     config.end.max_deviation_m = 100.0;
     let clearance_m = config.start.min_clearance_m;
-    let positions = draw(&scene, config, 20);
+    let positions = draw(&scene, config, &[], 20);
     // Squares of 0.5 m with their area of enough clearance, by a fine raster of the exact room.
     let is_clear = |x: f64, y: f64| {
         let walls = [x - 0.16, 7.84 - x, y - 0.16, 5.84 - y];
@@ -310,6 +320,7 @@ fn what_excluded_all_starts_is_named() {
     assert!(found.to_string().contains("no goal in range 50"), "{found}");
     let found = error(|config| {
         config.end.max_deviation_m = 100.0;
+        config.support = Some(coarse());
         config.start.min_support_db = 199.0;
         config.task.task = Task::Velocity;
     });
