@@ -13,7 +13,6 @@ mod latency;
 mod noise;
 mod queue;
 mod sensor;
-mod support;
 
 use cad_transforms::RigidTransform;
 use camera_models::CameraModel;
@@ -26,7 +25,6 @@ pub use latency::{CameraSchedule, TimingConfig};
 pub use noise::NoiseConfig;
 pub use queue::{CameraView, Capture, FrameQueue};
 pub use sensor::{DepthKind, Quality, ShutterConfig, pinhole, scaled_model};
-pub use support::support_samples;
 
 use crate::error::{SimulationError, check_range};
 use crate::scene::RecordingCamera;

@@ -22,6 +22,10 @@ pub(crate) const EXAMPLES: Table = &[
                 "paws-sim film walk.scene --seconds 60 --seed 7 --page film.html",
                 "another walk, also as a page of its own",
             ),
+            (
+                "paws-sim film walk.scene --min-support 15",
+                "only where a PSNR of 15 dB is predicted",
+            ),
         ],
     ),
     (

@@ -21,6 +21,7 @@ mod randomness;
 mod reference_poses;
 mod scene;
 mod snapshot;
+mod support;
 pub mod testing;
 mod world;
 
@@ -31,7 +32,7 @@ pub use bodies::{BodiesConfig, Body, BodyContact, BodyShape, BodyState, RigidBod
 pub use camera::{
     CameraBatch, CameraConfig, CameraSchedule, CameraView, Capture, DepthKind, ExposureConfig,
     FrameBuffers, FrameQueue, FrameRequest, Frames, NoiseConfig, NoiseKey, Quality, RenderReport,
-    ShutterConfig, TimingConfig, pinhole, scaled_model, support_samples,
+    ShutterConfig, TimingConfig, pinhole, scaled_model,
 };
 pub use confidence::ObservedScene;
 pub use episode::{
@@ -44,11 +45,12 @@ pub use ground::{Block, BlockReason, Cover, Ground, Surface};
 pub use guide::Guide;
 pub use map_image::MapImage;
 pub use randomness::{RandomStream, Stream};
-pub use reference_poses::{Deviation, DeviationConfig, ReferencePoses, SupportMap, SupportSample};
+pub use reference_poses::{Deviation, DeviationConfig, ReferencePoses};
 pub use scene::{
     Area, BeogymConfig, BundleConfig, CrossingConfig, GaussianSource, GaussianStore, GraphConfig,
     Missing, Place, RecordedView, Recording, RecordingCamera, ResidencyConfig, SceneData, Sector,
     SectorEdge, SectorGaussians, Similarity,
 };
 pub use snapshot::MAX_SNAPSHOT_BYTES;
+pub use support::{SupportConfig, SupportGrid, SupportNode};
 pub use world::{ObservationConfig, ObservationField, StepResult, World, WorldConfig, block_code};

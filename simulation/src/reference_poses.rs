@@ -3,16 +3,14 @@
 //! A view is as good as the recorded views around it. The nearest recorded camera is the one of
 //! least weighted distance in position and viewing direction, found by a k-d tree over both.
 
-mod support;
 mod tree;
 
 use cad_transforms::RigidTransform;
 use estimator_config::config;
 
-pub use support::{SupportMap, SupportSample};
 use tree::Tree;
 
-use crate::error::{SimulationError, check_range};
+use crate::error::SimulationError;
 
 config! {
     /// What makes a recorded camera near.
@@ -27,23 +25,6 @@ config! {
 }
 
 impl DeviationConfig {
-    pub(crate) fn check(&self) -> Result<(), SimulationError> {
-        // The squares of their reciprocals must be finite.
-        let range = [1e-12, 1e12];
-        check_range(
-            "deviation.distance_m",
-            self.distance_m,
-            range,
-            "1e-12 to 1e12",
-        )?;
-        check_range(
-            "deviation.angle_rad",
-            self.angle_rad,
-            range,
-            "1e-12 to 1e12",
-        )
-    }
-
     /// Factors of positions and of viewing directions.
     fn weights(&self) -> [f64; 2] {
         [1.0 / self.distance_m, 1.0 / self.angle_rad]

@@ -16,7 +16,7 @@ mod queue;
 use bytes::{Reader, Writer, damaged};
 
 use crate::SimulationError;
-use crate::episode::task::{Task, goals};
+use crate::episode::task::Task;
 use crate::world::World;
 use crate::world::episode::{Phase, Target};
 use crate::world::report;
@@ -94,9 +94,7 @@ impl World {
         let length = reader.u32()? as usize;
         let attachment = reader.bytes(length)?;
         reader.end()?;
-        if self.shared.goals.is_empty() && self.shared.config.task.task == Task::PointGoal {
-            self.shared.goals = goals::draw::draw_all(&self.shared)?;
-        }
+        self.shared.prepare(&|_, _| {})?;
         let is_of_task = match (episode.phase, episode.target, self.shared.config.task.task) {
             (Phase::New, ..) => true,
             (_, Target::Goal { index, .. }, Task::PointGoal) => {

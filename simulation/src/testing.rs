@@ -319,12 +319,14 @@ fn sector(
     let recording = walk::record(surfaces, walk);
     let background = Background::Constant(SKY);
     let views = recording.views.iter().map(|view| view.world_from_camera);
+    let gaussians = GaussianSource::new(Scene { splats, background }, false)?;
+    let gaussians = gaussians.recorded_by(walk::recording_cameras(&recording)?);
     Ok(Sector {
         name: name.to_owned(),
         levels: Some(Arc::new(levels::levels(surfaces, min_m, max_m, CELL_M))),
         area: Area::new(min_m, max_m),
         references: Arc::new(views.collect()),
-        gaussians: Some(GaussianSource::new(Scene { splats, background }, false)?),
+        gaussians: Some(gaussians),
         recording: Arc::new(recording),
         edges: Vec::new(),
     })

@@ -31,8 +31,10 @@ pub use result::StepResult;
 use crate::SimulationError;
 use crate::agent::AgentState;
 use crate::camera::{FrameRequest, NoiseKey};
-use crate::episode::task::{Task, goals};
+#[cfg(test)]
+use crate::episode::task::Task;
 use crate::scene::SceneData;
+use crate::support::SupportGrid;
 use environment::EpisodeStart;
 use episode::{Episode, Phase};
 use rows::{Environments, Rows};
@@ -113,9 +115,7 @@ impl World {
                 });
             }
         }
-        if self.shared.goals.is_empty() && self.shared.config.task.task == Task::PointGoal {
-            self.shared.goals = goals::draw::draw_all(&self.shared)?;
-        }
+        self.shared.prepare(&|_, _| {})?;
         let is_reset = |index: usize| mask.is_none_or(|mask| mask[index]);
         let (shared, episodes) = (&self.shared, &self.environments.episode);
         let begin = |(index, begin): (usize, &mut Option<EpisodeStart>)| {
@@ -140,6 +140,26 @@ impl World {
             }
         });
         Ok(())
+    }
+
+    /// Makes what the first reset would make: goals of the task and, where the configuration needs
+    /// it, predictions of the PSNR, which take a while. The callback gets the number of images that
+    /// were judged and of all of a sector, from any thread.
+    ///
+    /// # Errors
+    /// [`SimulationError::Start`] if no goals were found, [`SimulationError::Bundle`] for files that
+    /// changed since the scene was opened.
+    pub fn prepare(
+        &mut self,
+        progress: &(dyn Fn(usize, usize) + Sync),
+    ) -> Result<(), SimulationError> {
+        self.shared.prepare(progress)
+    }
+
+    /// Predicted PSNR of views in each sector; none before the first reset or
+    /// [`World::prepare`], and where no setting needs it.
+    pub fn support(&self) -> &[SupportGrid] {
+        &self.shared.support
     }
 
     /// Advances all environments that have not ended by one step. Actions are those of all

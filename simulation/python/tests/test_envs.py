@@ -47,6 +47,32 @@ class Scalar(unittest.TestCase):
         for _, _, info in rows(env, 40):
             self.assertEqual({name: type(value) for name, value in info.items()}, types)
 
+    def test_the_predicted_psnr_decides_starts_and_ends(self):
+        # Few predictions: each costs an image.
+        support = {"cell_m": 3.0, "headings": 2}
+        make = lambda **config: paws_sim.make_vec(
+            ROOM, 32, task="velocity", config={"support": support, **config}
+        )
+        env = make()
+        _, info = env.reset(seed=0)
+        predicted = np.sort(info["support_db"])
+        self.assertGreater(predicted[0], 0.0)
+        limit = float(predicted[16])
+        self.assertLess(predicted[0], limit)
+        env = make(start={"min_support_db": limit}, end={"min_support_db": limit})
+        _, info = env.reset(seed=0)
+        self.assertTrue((info["support_db"] >= limit).all())
+        ends = 0
+        for _ in range(60):
+            _, _, terminated, truncated, info = env.step(env.action_space.sample())
+            below = info["support_db"] < limit
+            self.assertTrue((truncated | terminated)[below].all())
+            ends += (info["end_reason"] == paws_sim.EndReason.DEVIATION).sum()
+        self.assertGreater(ends, 0)
+        env = make(start={"min_support_db": 199.0})
+        with self.assertRaisesRegex(paws_sim.StartError, "support"):
+            env.reset(seed=0)
+
     def test_bounds_are_finite_and_true(self):
         for task in ("point-goal", "follow-path", "velocity"):
             env = paws_sim.make(ROOM, task=task, config=SHORT)

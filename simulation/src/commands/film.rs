@@ -30,13 +30,17 @@ pub(crate) struct Arguments {
     /// Seed of start and goals.
     #[arg(long, value_name = "N", default_value_t = 0)]
     seed: u64,
+    /// Predicted PSNR of what the agent sees, dB: starts are where it is higher, and the agent
+    /// restarts where it is lower; 0 is no limit.
+    #[arg(long, value_name = "DB", default_value_t = 0.0)]
+    min_support: f64,
     /// Also write a page with the film; replaced if it exists.
     #[arg(long, value_name = "FILE")]
     page: Option<PathBuf>,
 }
 
 pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode> {
-    let mut walk = Walk::open(&arguments.scene, arguments.seed)?;
+    let mut walk = Walk::open(&arguments.scene, arguments.seed, arguments.min_support)?;
     let steps = (f64::from(arguments.seconds) / walk.step_s()).round() as u32;
     let mut frames = Vec::new();
     for step in 0..=steps {

@@ -27,10 +27,14 @@ pub(crate) struct Arguments {
     /// Seed of starts and goals.
     #[arg(long, value_name = "N", default_value_t = 0)]
     seed: u64,
+    /// Predicted PSNR of what the agent sees, dB: starts are where it is higher, and the agent
+    /// restarts where it is lower; 0 is no limit.
+    #[arg(long, value_name = "DB", default_value_t = 0.0)]
+    min_support: f64,
 }
 
 pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode> {
-    let walk = Walk::open(&arguments.scene, arguments.seed)?;
+    let walk = Walk::open(&arguments.scene, arguments.seed, arguments.min_support)?;
     let name = arguments.scene.file_name().unwrap_or_default();
     let page = page(&name.to_string_lossy(), &walk)?;
     let announce = |address| {

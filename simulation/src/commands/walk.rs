@@ -5,7 +5,6 @@ use std::sync::Arc;
 
 use anyhow::{Context, Result, bail};
 use jpeg_encoder::{ColorType, Encoder};
-use scene_bundle::outputs::{self, SPLATS};
 use simulation::{
     AgentState, CameraBatch, CameraConfig, FrameRequest, Frames, GaussianStore, Guide, MapImage,
     ObservedScene, ResidencyConfig, SceneData, Task, World, WorldConfig,
@@ -44,8 +43,9 @@ pub(super) struct Walk {
 }
 
 impl Walk {
-    /// Opens a scene and puts an agent at a start.
-    pub(super) fn open(path: &Path, seed: u64) -> Result<Self> {
+    /// Opens a scene and puts an agent at a start. Of what it sees a PSNR is predicted of at least
+    /// `min_support_db`, dB, or else its episode ends; 0 is no limit.
+    pub(super) fn open(path: &Path, seed: u64, min_support_db: f64) -> Result<Self> {
         let scene = Arc::new(SceneData::open(path)?);
         for missing in scene.missing() {
             log::warn!(
@@ -64,6 +64,8 @@ impl Walk {
         config.end.time_limit_s = 1e6;
         config.end.unknown_ground_ends = false;
         config.end.left_map_ends = false;
+        config.start.min_support_db = min_support_db;
+        config.end.min_support_db = min_support_db;
         let mut guides = Vec::new();
         let mut map = None;
         for sector in &scene.sectors {
@@ -208,7 +210,7 @@ impl Walk {
 
 /// Predicts the PSNR of images by what the training saw.
 struct Judge {
-    observed: ObservedScene,
+    observed: Arc<ObservedScene>,
     store: Arc<GaussianStore>,
     renderer: Renderer,
     camera: CameraConfig,
@@ -220,16 +222,10 @@ impl Judge {
         let [sector] = scene.sectors.as_slice() else {
             return Ok(None);
         };
-        let (Some(bundle), Some(gaussians)) = (&sector.recording.bundle, &sector.gaussians) else {
+        let Some(gaussians) = &sector.gaussians else {
             return Ok(None);
         };
-        let reader = bundle.output(SPLATS)?;
-        let record = outputs::splats::read(&reader)?;
-        let count: usize = record.sectors.iter().map(|sector| sector.count).sum();
-        if count != gaussians.count() {
-            return Ok(None);
-        }
-        let Some(observed) = ObservedScene::read(&reader, &record)? else {
+        let Some(observed) = gaussians.observed()? else {
             return Ok(None);
         };
         let mut config = RenderConfig::default();

@@ -98,7 +98,8 @@ config! {
         /// Angle from its optical axis, rad. π is no limit, which an agent needs that looks back
         /// along its path. Source of a limit for images: PAWS, 30 degrees (0.524).
         pub max_deviation_rad: f64 = std::f64::consts::PI,
-        /// Predicted PSNR of the view, dB; 0 is no limit. Needs a support map.
+        /// Predicted PSNR of the view, at least, dB; 0 is no limit. Needs a scene of which it is
+        /// known what the training saw.
         pub min_support_db: f64 = 0.0,
         /// Angle between the body's and the world's vertical, rad. Steeper is a fall.
         pub max_tilt_rad: f64 = 0.7,
@@ -173,11 +174,13 @@ impl EndConfig {
         }
     }
 
-    /// Whether a camera is too far from recorded ones.
-    pub(crate) fn is_too_far(&self, deviation: &Deviation, support_db: f64) -> bool {
-        deviation.distance_m > self.max_deviation_m
-            || deviation.angle_rad > self.max_deviation_rad
-            || support_db < self.min_support_db
+    /// Whether a camera is too far from recorded ones, if there are any, or what it sees too bad.
+    pub(crate) fn is_too_far(&self, deviation: Option<&Deviation>, support_db: f64) -> bool {
+        let is_beyond = |deviation: &Deviation| {
+            deviation.distance_m > self.max_deviation_m
+                || deviation.angle_rad > self.max_deviation_rad
+        };
+        deviation.is_some_and(is_beyond) || support_db < self.min_support_db
     }
 
     /// The reason of several that happened in one step: terminations first, then by precedence.

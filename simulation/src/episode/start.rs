@@ -41,7 +41,8 @@ config! {
         /// Horizontal distance to the nearest edge, obstacle or unknown cell, at least, m. Starts
         /// nearer than the agent's radius would begin with a collision.
         pub min_clearance_m: f64 = 0.30,
-        /// Predicted PSNR of the first view, dB; 0 is no condition. Needs a support map.
+        /// Predicted PSNR of the first view, at least, dB; 0 is no condition. Needs a scene of
+        /// which it is known what the training saw.
         pub min_support_db: f64 = 0.0,
         /// Draws after which no start is an error.
         pub max_tries: usize = 1000,
@@ -225,14 +226,13 @@ pub(crate) fn check(
         return Err(Condition::Footing);
     }
     let world_from_camera = state.world_from_body() * shared.mount;
-    let (deviation, support_db) = shared.deviation(sector, &world_from_camera);
-    if let Some(deviation) = deviation {
-        if support_db < config.start.min_support_db {
-            return Err(Condition::Support);
-        }
-        if config.end.is_too_far(&deviation, support_db) {
-            return Err(Condition::Deviation);
-        }
+    let support_db = shared.support_db(sector, &state);
+    if support_db < config.start.min_support_db {
+        return Err(Condition::Support);
+    }
+    let deviation = shared.deviation(sector, &world_from_camera);
+    if config.end.is_too_far(deviation.as_ref(), support_db) {
+        return Err(Condition::Deviation);
     }
     Ok(Start { sector, state })
 }

@@ -4,11 +4,12 @@ use std::fmt;
 use std::sync::Arc;
 
 use gaussians::{Plane, Splats};
-use scene_bundle::outputs;
 use scene_bundle::outputs::splats::{SplatBackground, SplatScene};
-use splats::{Background, Scene, Sky};
+use scene_bundle::{BundleError, OutputReader, outputs};
+use splats::{Background, Camera, Scene, Sky};
 
 use super::hash::bytes::floats;
+use crate::confidence::ObservedScene;
 use crate::error::SimulationError;
 
 /// Memory of Gaussians together with their [`splats::DetailScene`], in units of the Gaussians
@@ -26,8 +27,17 @@ pub struct GaussianSource {
 
 #[derive(Clone)]
 enum Storage {
-    Memory(Arc<Scene>),
+    Memory(Arc<Scene>, Observed),
     Bundle(Arc<BundleGaussians>),
+}
+
+/// What is known of what was seen of Gaussians in memory.
+#[derive(Clone)]
+enum Observed {
+    Nothing,
+    /// Cameras that recorded them without any error.
+    By(Arc<[Camera]>),
+    Scene(Arc<ObservedScene>),
 }
 
 /// Gaussians in a bundle.
@@ -60,8 +70,28 @@ impl GaussianSource {
             count: scene.splats.len(),
             degree: scene.splats.degree(),
             is_compensated,
-            storage: Storage::Memory(Arc::new(scene)),
+            storage: Storage::Memory(Arc::new(scene), Observed::Nothing),
         })
+    }
+
+    /// With what the training saw of Gaussians in memory. Of those in a bundle it is in the bundle.
+    #[must_use]
+    pub fn with_observed(self, observed: ObservedScene) -> Self {
+        self.with(Observed::Scene(Arc::new(observed)))
+    }
+
+    /// With the cameras that recorded Gaussians in memory without any error: what they saw is
+    /// gathered when it is needed.
+    #[must_use]
+    pub(crate) fn recorded_by(self, cameras: Vec<Camera>) -> Self {
+        self.with(Observed::By(cameras.into()))
+    }
+
+    fn with(mut self, observed: Observed) -> Self {
+        if let Storage::Memory(_, own) = &mut self.storage {
+            *own = observed;
+        }
+        self
     }
 
     pub(super) fn of_bundle(count: usize, gaussians: BundleGaussians) -> Self {
@@ -98,7 +128,7 @@ impl GaussianSource {
     /// Adds them to a hash: the content in memory, the hashes of files.
     pub(super) fn hash(&self, hasher: &mut blake3::Hasher) {
         match &self.storage {
-            Storage::Memory(scene) => {
+            Storage::Memory(scene, _) => {
                 for plane in scene.splats.planes() {
                     floats(hasher, plane);
                 }
@@ -120,8 +150,34 @@ impl GaussianSource {
     /// [`SimulationError::Bundle`] where files changed since the scene was opened.
     pub fn load(&self) -> Result<Arc<Scene>, SimulationError> {
         match &self.storage {
-            Storage::Memory(scene) => Ok(scene.clone()),
+            Storage::Memory(scene, _) => Ok(scene.clone()),
             Storage::Bundle(gaussians) => gaussians.load().map(Arc::new),
+        }
+    }
+
+    /// Whether it is known what the training saw of them.
+    pub fn is_observed(&self) -> bool {
+        match &self.storage {
+            Storage::Memory(_, observed) => !matches!(observed, Observed::Nothing),
+            Storage::Bundle(gaussians) => gaussians.record.coverage.is_some(),
+        }
+    }
+
+    /// What the training saw of them, in the order of [`Self::load`]; `None` where that is not
+    /// known.
+    ///
+    /// # Errors
+    /// [`SimulationError::Bundle`] and [`SimulationError::Scene`] where files changed since the
+    /// scene was opened.
+    pub fn observed(&self) -> Result<Option<Arc<ObservedScene>>, SimulationError> {
+        match &self.storage {
+            Storage::Memory(_, Observed::Nothing) => Ok(None),
+            Storage::Memory(_, Observed::Scene(observed)) => Ok(Some(observed.clone())),
+            Storage::Memory(scene, Observed::By(cameras)) => {
+                let observed = ObservedScene::gather(scene, self.is_compensated, cameras)?;
+                Ok(Some(Arc::new(observed)))
+            }
+            Storage::Bundle(gaussians) => Ok(gaussians.observed()?.map(Arc::new)),
         }
     }
 }
@@ -133,24 +189,62 @@ impl fmt::Debug for GaussianSource {
 }
 
 impl BundleGaussians {
-    fn load(&self) -> Result<Scene, SimulationError> {
-        let bundle_error = |source| SimulationError::Bundle {
+    fn reader(&self) -> Result<OutputReader, SimulationError> {
+        let reader = self.scene.output(outputs::SPLATS);
+        reader.map_err(|source| self.wrong(source))
+    }
+
+    fn wrong(&self, source: BundleError) -> SimulationError {
+        SimulationError::Bundle {
             path: self.scene.path(),
             source,
-        };
-        let reader = self.scene.output(outputs::SPLATS);
-        let reader = reader.map_err(bundle_error)?;
-        let mut planes = vec![Vec::new(); Plane::count(self.record.degree)];
-        for part in &self.parts {
-            let splats = outputs::splats::read_sector(&reader, &self.record, *part);
-            let splats = splats.map_err(bundle_error)?;
+        }
+    }
+
+    /// Each part that reaches into view: its number, its Gaussians, and which of them are used.
+    fn parts<'a>(
+        &'a self,
+        reader: &'a OutputReader,
+    ) -> impl Iterator<Item = Result<(usize, Splats, Vec<usize>), SimulationError>> + 'a {
+        self.parts.iter().map(|part| {
+            let splats = outputs::splats::read_sector(reader, &self.record, *part);
+            let splats = splats.map_err(|source| self.wrong(source))?;
             let kept = indices_in_box(&splats, self.min_m, self.max_m);
+            Ok((*part, splats, kept))
+        })
+    }
+
+    fn observed(&self) -> Result<Option<ObservedScene>, SimulationError> {
+        if self.record.coverage.is_none() {
+            return Ok(None);
+        }
+        let reader = self.reader()?;
+        let kept = self.parts(&reader).map(|part| {
+            let (part, _, kept) = part?;
+            Ok((part, kept))
+        });
+        let kept: Vec<(usize, Vec<usize>)> = kept.collect::<Result<_, SimulationError>>()?;
+        ObservedScene::read_parts(&reader, &self.record, |seen| {
+            let used = kept.iter().flat_map(|(part, kept)| {
+                let of_part = &seen[*part];
+                kept.iter().map(|index| of_part[*index])
+            });
+            used.collect()
+        })
+    }
+
+    fn load(&self) -> Result<Scene, SimulationError> {
+        let reader = self.reader()?;
+        let mut planes = vec![Vec::new(); Plane::count(self.record.degree)];
+        for part in self.parts(&reader) {
+            let (_, splats, kept) = part?;
             for (all, plane) in planes.iter_mut().zip(splats.planes()) {
                 all.extend(kept.iter().map(|index| plane[*index]));
             }
         }
         let texels = outputs::splats::read_sky(&reader, &self.record);
-        let background = background(&self.record, texels.map_err(bundle_error)?);
+        let texels = texels.map_err(|source| self.wrong(source))?;
+        let background = background(&self.record, texels);
         let splats = Splats::from_planes(self.record.degree, planes).map_err(|e| e.to_string());
         let place = format!("Gaussians of sector {}", self.name);
         scene_of(splats, background, &place)

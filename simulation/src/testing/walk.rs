@@ -6,14 +6,19 @@ use camera_models::{CameraModel, Distortion, Eye};
 use nalgebra::{UnitQuaternion, Vector3};
 use scene_bundle::outputs::contacts::{ContactEvent, FootContact};
 use scene_bundle::{Pose, Trajectory};
+use splats::Camera;
 
 use super::surfaces::Surfaces;
+use crate::camera::pinhole;
+use crate::error::SimulationError;
 use crate::scene::{RecordedView, Recording, RecordingCamera, rigid};
 
 /// Height of the rig above the ground, m.
 const RIG_HEIGHT_M: f64 = 1.4;
 /// How far the camera looks down, rad.
 const PITCH_RAD: f64 = 0.2;
+/// What the camera sees from left to right, rad.
+const FIELD_OF_VIEW_RAD: f64 = std::f64::consts::FRAC_PI_2;
 /// Distance of poses, m, and their time, ns: 1 m/s at 10 Hz.
 const STEP_M: f64 = 0.1;
 const STEP_NS: i64 = 100_000_000;
@@ -76,6 +81,28 @@ pub(super) fn record(surfaces: &Surfaces, waypoints: &[[f64; 3]]) -> Recording {
         views,
         ..Recording::default()
     }
+}
+
+/// Every which view is one of those that gather what was seen, and how much smaller they are.
+const VIEW_STEP: usize = 4;
+const SCALE: u32 = 2;
+
+/// Cameras that gather what the walk saw of the scene.
+pub(super) fn recording_cameras(recording: &Recording) -> Result<Vec<Camera>, SimulationError> {
+    let whole = camera().model;
+    let model = pinhole(
+        [whole.width / SCALE, whole.height / SCALE],
+        FIELD_OF_VIEW_RAD,
+    )?;
+    let views = recording.views.iter().step_by(VIEW_STEP);
+    let cameras = views.map(|view| Camera::new(model, view.world_from_camera.inverse()));
+    cameras
+        .collect::<Result<_, _>>()
+        .map_err(|error| SimulationError::Scene {
+            place: "cameras of a synthetic walk".to_owned(),
+            found: error.to_string(),
+            expected: "pinhole cameras".to_owned(),
+        })
 }
 
 /// A camera of 320 x 180 px that sees 90 degrees across.

@@ -8,7 +8,7 @@ use crate::agent::{AgentConfig, Drive};
 use crate::camera::{CameraConfig, TimingConfig};
 use crate::episode::{EndConfig, RandomizationConfig, RewardConfig, StartConfig, TaskConfig};
 use crate::error::{SimulationError, check_range};
-use crate::reference_poses::{DeviationConfig, SupportMap};
+use crate::support::SupportConfig;
 
 /// Everything that determines a world besides its scene.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -29,10 +29,9 @@ pub struct WorldConfig {
     /// When the camera captures, and when its frames are delivered. By default each step has the
     /// frame of its end.
     pub timing: TimingConfig,
-    /// Which recorded camera supports a view.
-    pub deviation: DeviationConfig,
-    /// Predicted PSNR of views. `None` where it was not fitted.
-    pub support: Option<SupportMap>,
+    /// How the PSNR of views is predicted. `None` predicts it only where a `min_support_db` needs
+    /// it.
+    pub support: Option<SupportConfig>,
     /// Where episodes start.
     pub start: StartConfig,
     /// When they end.
@@ -80,7 +79,6 @@ impl Default for WorldConfig {
             agent: AgentConfig::default(),
             body_from_camera: None,
             timing: TimingConfig::default(),
-            deviation: DeviationConfig::default(),
             support: None,
             start: StartConfig::default(),
             end: EndConfig::default(),
@@ -120,19 +118,6 @@ impl WorldConfig {
         ] {
             check_range(name, value, [1e-3, 100.0], "0.001 to 100 m")?;
         }
-        for (name, value) in [
-            ("start.min_support_db", self.start.min_support_db),
-            ("end.min_support_db", self.end.min_support_db),
-        ] {
-            if self.support.is_none() && value > 0.0 {
-                return Err(SimulationError::Setting {
-                    name: name.to_owned(),
-                    found: value.to_string(),
-                    expected: "0 without a support map".to_owned(),
-                });
-            }
-        }
-        self.deviation.check()?;
         if let Some(support) = &self.support {
             support.check()?;
         }
@@ -141,6 +126,23 @@ impl WorldConfig {
         self.task.check()?;
         self.reward.check()?;
         self.randomization.check()
+    }
+
+    /// The setting that needs a prediction of the PSNR, its value, and how that is made; `None`
+    /// where nothing does.
+    pub(crate) fn predicts_support(&self) -> Option<(&'static str, String, SupportConfig)> {
+        let thresholds = [
+            ("end.min_support_db", self.end.min_support_db),
+            ("start.min_support_db", self.start.min_support_db),
+        ];
+        let config = self.support.unwrap_or_default();
+        let used = thresholds.into_iter().find(|(_, value)| *value > 0.0);
+        match used {
+            Some((name, value)) => Some((name, value.to_string(), config)),
+            None => self
+                .support
+                .map(|config| ("support", "some".to_owned(), config)),
+        }
     }
 
     /// The camera without errors of its mount.

@@ -14,18 +14,17 @@ pub(crate) fn report(shared: &Shared, row: &mut Row<'_>) {
     report_numbers(shared, row);
 }
 
-/// The deviation of the camera from recorded ones, and whether it is too far.
+/// The deviation of the camera from recorded ones and its predicted PSNR, and whether it is too
+/// far.
 pub(super) fn report_camera(shared: &Shared, row: &mut Row<'_>) -> bool {
     let world_from_camera = frames::view(row).world_from_camera;
-    let (deviation, support_db) = shared.deviation(*row.sector, &world_from_camera);
+    let deviation = shared.deviation(*row.sector, &world_from_camera);
+    let support_db = shared.support_db(*row.sector, row.state);
     *row.support_db = support_db as f32;
-    let Some(deviation) = deviation else {
-        (*row.deviation_m, *row.deviation_rad) = (-1.0, -1.0);
-        return false;
-    };
-    *row.deviation_m = deviation.distance_m as f32;
-    *row.deviation_rad = deviation.angle_rad as f32;
-    shared.config.end.is_too_far(&deviation, support_db)
+    (*row.deviation_m, *row.deviation_rad) = deviation.map_or((-1.0, -1.0), |deviation| {
+        (deviation.distance_m as f32, deviation.angle_rad as f32)
+    });
+    shared.config.end.is_too_far(deviation.as_ref(), support_db)
 }
 
 /// Numbers of the episode, and the observation.

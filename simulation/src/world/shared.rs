@@ -11,9 +11,11 @@ use crate::SimulationError;
 use crate::agent::AgentState;
 use crate::camera::nanoseconds;
 use crate::episode::start::candidates::Candidates;
-use crate::episode::task::goals::Goal;
+use crate::episode::task::Task;
+use crate::episode::task::goals::{self, Goal};
 use crate::reference_poses::{Deviation, DeviationConfig};
 use crate::scene::{Place, SceneData};
+use crate::support::{self, SupportGrid};
 
 /// What all environments share.
 #[derive(Debug)]
@@ -33,6 +35,9 @@ pub(crate) struct Shared {
     pub(crate) config_hash: [u8; 32],
     /// Goals of the task; drawn at the first reset, which may start threads.
     pub(crate) goals: Vec<Goal>,
+    /// Predicted PSNR of views in each sector, where the configuration needs it; made at the first
+    /// reset.
+    pub(crate) support: Vec<SupportGrid>,
 }
 
 impl Shared {
@@ -40,6 +45,9 @@ impl Shared {
     /// [`SimulationError::Setting`]; [`SimulationError::Scene`] for a sector without ground.
     pub(crate) fn new(scene: Arc<SceneData>, config: WorldConfig) -> Result<Self, SimulationError> {
         config.check()?;
+        if let Some((name, found, _)) = config.predicts_support() {
+            support::check_scene(&scene, name, &found)?;
+        }
         let terrains = terrains(&scene, &config)?;
         let candidates = Candidates::new(&terrains, config.start.min_clearance_m);
         Ok(Self {
@@ -50,6 +58,7 @@ impl Shared {
             limits: config.end.units(),
             config_hash: config.hash(),
             goals: Vec::new(),
+            support: Vec::new(),
             scene,
             config,
             terrains,
@@ -57,22 +66,40 @@ impl Shared {
         })
     }
 
-    /// Deviation of a camera from recorded ones as its limits count it, and the PSNR predicted from
-    /// it; 0 dB without a support map.
+    /// Makes what the first reset makes, or the restoring of a snapshot before it: goals, and
+    /// predictions of the PSNR with a callback of how many of all images are judged.
+    ///
+    /// # Errors
+    /// Those of the goals and of [`SupportGrid::new`].
+    pub(crate) fn prepare(
+        &mut self,
+        progress: &(dyn Fn(usize, usize) + Sync),
+    ) -> Result<(), SimulationError> {
+        if let Some((.., config)) = self.config.predicts_support()
+            && self.support.is_empty()
+        {
+            self.support = support::grids(self, &config, progress)?;
+        }
+        if self.goals.is_empty() && self.config.task.task == Task::PointGoal {
+            self.goals = goals::draw::draw_all(self)?;
+        }
+        Ok(())
+    }
+
+    /// Deviation of a camera from recorded ones as its limits count it; `None` without any.
     pub(crate) fn deviation(
         &self,
         sector: u32,
         world_from_camera: &RigidTransform,
-    ) -> (Option<Deviation>, f64) {
-        let Some(references) = &self.terrains[sector as usize].references else {
-            return (None, 0.0);
-        };
-        let deviation = references.nearest_by(world_from_camera, &self.limits);
-        let support_db = self.config.support.as_ref().map_or(0.0, |support| {
-            let nearest = references.nearest_by(world_from_camera, &self.config.deviation);
-            support.support_db(&nearest).max(0.0)
-        });
-        (Some(deviation), support_db)
+    ) -> Option<Deviation> {
+        let references = self.terrains[sector as usize].references.as_ref()?;
+        Some(references.nearest_by(world_from_camera, &self.limits))
+    }
+
+    /// Predicted PSNR of what an agent sees, dB; 0 where it is not predicted.
+    pub(crate) fn support_db(&self, sector: u32, state: &AgentState) -> f64 {
+        let grid = self.support.get(sector as usize);
+        grid.map_or(0.0, |grid| grid.psnr_db(state.position_m, state.yaw_rad))
     }
 
     /// The edges over which an agent leaves its sector, if it does: the sector and state after

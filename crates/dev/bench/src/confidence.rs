@@ -107,10 +107,14 @@ pub(crate) fn run(args: &[String]) -> Result<()> {
         rules.push((name, nearest.verdicts(&exam)));
     }
     rules.push(("transparency", above(&fit, &exam, rules::transparency)));
-    let rows: Vec<Value> = rules
+    let mut rows: Vec<Value> = rules
         .iter()
         .map(|(name, of)| row(name, &exam, of))
         .collect();
+    // The first two rules predict a PSNR.
+    for (row, (_, of)) in rows.iter_mut().zip(&rules).take(2) {
+        row["mae_db"] = scores::mean_error_db(&exam, of).into();
+    }
     for row in &rows {
         println!("{row}");
     }
@@ -189,7 +193,8 @@ fn by_scene(samples: &[Sample], kinds: &[(Kind, usize)], of: &Verdicts) -> Vec<V
     let rows = kinds.iter().map(|(kind, count)| {
         let own = from..from + count;
         from += count;
-        let mut row = of_counts(&counts(&samples[own.clone()], &of.flagged[own]));
+        let mut row = of_counts(&counts(&samples[own.clone()], &of.flagged[own.clone()]));
+        row["mae_db"] = scores::mean_error_db(&samples[own.clone()], &of.of(own)).into();
         row["scene"] = kind.name().into();
         row
     });

@@ -7,8 +7,8 @@
 //!    in f32 and a mask, in memory of the caller: what a copy to Python would start from.
 //! 2. `episode`: Beogym's: 1280x720 on one thread, 200 steps of an agent on the ground with motion
 //!    and look-ups in the map.
-//! 3. `support`: PSNR of held-out views by their distance and angle from recorded ones, and the
-//!    error of the support map on views that it was not fitted to.
+//! 3. `support`: predicted and real PSNR of held-out views, and the grid of predictions over the
+//!    ground: its cost, and where it lets episodes start and ends them.
 //! 4. `changes`: frames at changes of sectors, loaded ahead, cross-faded and cold, on a synthetic
 //!    loop of four sectors.
 //!
@@ -26,6 +26,7 @@ mod episode;
 mod opened_scene;
 mod sizes;
 mod support;
+mod support_charts;
 
 use crate::{arguments, report, stamp};
 use opened_scene::OpenedScene;
@@ -69,7 +70,7 @@ fn of_scene(part: &str, opened: &mut Option<OpenedScene>, options: &Options) -> 
     let mut row = match part {
         "sizes" => sizes::measure(scene, options.quick)?,
         "episode" => episode::measure(scene, options.quick)?,
-        _ => support::measure(scene, &options.out)?,
+        _ => support::measure(scene)?,
     };
     row["scene"] = scene.row();
     Ok(row)

@@ -7,6 +7,7 @@
 //!
 //! 1. `heights`: heights of the ground on which agents walk, near footsteps and elsewhere.
 //! 2. `depth`: depth images of the simulator's cameras, at and off the path.
+//! 3. `support`: the predicted PSNR of what agents see, at starts of episodes.
 
 use std::fs;
 use std::path::PathBuf;
@@ -18,11 +19,12 @@ use serde_json::json;
 mod charts;
 mod depth;
 mod heights;
+mod support;
 
 use crate::terrain::walks::{SMALL, Walk};
 use crate::{arguments, report, stamp};
 
-const PARTS: [&str; 2] = ["heights", "depth"];
+const PARTS: [&str; 3] = ["heights", "depth", "support"];
 /// Kind, seed, and begin and end, s.
 const WALKS: [(Kind, u64, [f64; 2]); 4] = [
     (Kind::Pavement, 981, [3.0, 23.0]),
@@ -48,7 +50,8 @@ pub(crate) fn run(args: &[String]) -> Result<()> {
         for walk in &options.walks {
             let found = match part.as_str() {
                 "heights" => heights::measure(*walk),
-                _ => depth::measure(*walk, options.quick),
+                "depth" => depth::measure(*walk, options.quick),
+                _ => support::measure(*walk, options.quick),
             };
             let mut row = found.with_context(|| format!("{part} of {}", walk.name()))?;
             row["walk"] = walk.kind.name().into();

@@ -7,6 +7,8 @@ use super::*;
 use crate::episode::task::goals::Goal;
 use crate::geodesic::DistanceField;
 use crate::scene::{Area, Recording, Sector};
+use crate::support::SupportConfig;
+use crate::support::tests::coarse;
 use crate::world::episode::Target;
 
 const BLOCKS: [EndReason; 3] = [
@@ -211,6 +213,100 @@ fn every_reason_ends_alone_and_in_pairs() {
         }
     }
     assert_eq!(count, 2 * (8 + 28 - 3));
+}
+
+/// Steps once in a world whose ends are all out of reach but those that are changed.
+fn ended(scene: &Arc<SceneData>, state: &AgentState, change: impl Fn(&mut EndConfig)) -> EndReason {
+    let mut config = config(1, Task::Velocity);
+    config.end.max_deviation_m = 99.0;
+    config.support = scene.sectors[0].gaussians.is_some().then(coarse);
+    let mut world = World::new(scene.clone(), config.clone()).unwrap();
+    world.reset(None, None).unwrap();
+    let mut ends = config.end;
+    change(&mut ends);
+    // Only the step is under the changed limits, not the start.
+    world.shared.config.end = ends;
+    world.shared.limits = ends.units();
+    world.place(0, 0, state).unwrap();
+    world.step(&[0.0, 0.0]).unwrap();
+    let result = world.result();
+    let reason = EndReason::from_code(result.end_reasons[0]).unwrap();
+    assert_eq!(result.truncated[0], reason != EndReason::None);
+    assert!(!result.terminated[0]);
+    reason
+}
+
+#[test]
+fn the_angle_to_recorded_cameras_ends_alone() {
+    // The recorded cameras look along x.
+    let state = |yaw_rad| AgentState {
+        position_m: [3.0, 3.0, 0.0],
+        yaw_rad,
+        is_on_ground: true,
+        ..AgentState::default()
+    };
+    let scene = scene();
+    for (yaw_rad, limit_rad, expected) in [
+        (0.5, 0.51, EndReason::None),
+        (0.5, 0.49, EndReason::Deviation),
+        (-0.5, 0.49, EndReason::Deviation),
+        (3.1, 3.11, EndReason::None),
+    ] {
+        let found = ended(&scene, &state(yaw_rad), |ends| {
+            ends.max_deviation_rad = limit_rad;
+        });
+        assert_eq!(found, expected, "{yaw_rad} {limit_rad}");
+    }
+}
+
+#[test]
+fn the_predicted_psnr_ends_alone() {
+    let scene = SyntheticScene::stairs().unwrap().scene;
+    let mut world = World::new(
+        scene.clone(),
+        WorldConfig {
+            support: Some(coarse()),
+            ..config(1, Task::Velocity)
+        },
+    )
+    .unwrap();
+    world.prepare(&|_, _| {}).unwrap();
+    for yaw_rad in [0.0, 1.3, std::f64::consts::PI] {
+        let state = AgentState {
+            position_m: [1.0, 1.5, 0.0],
+            yaw_rad,
+            is_on_ground: true,
+            ..AgentState::default()
+        };
+        let predicted_db = world.support()[0].psnr_db(state.position_m, yaw_rad);
+        assert!(predicted_db > 1.0);
+        for (limit_db, expected) in [
+            (predicted_db - 0.01, EndReason::None),
+            (predicted_db + 0.01, EndReason::Deviation),
+        ] {
+            let found = ended(&scene, &state, |ends| ends.min_support_db = limit_db);
+            assert_eq!(found, expected, "{yaw_rad} {limit_db}");
+        }
+    }
+}
+
+#[test]
+fn a_scene_of_which_nothing_is_known_refuses_limits_of_the_psnr() {
+    let scene = scene();
+    for (name, change) in [
+        (
+            "end.min_support_db",
+            (|c| c.end.min_support_db = 15.0) as fn(&mut WorldConfig),
+        ),
+        ("start.min_support_db", |c| c.start.min_support_db = 15.0),
+        ("support", |c| c.support = Some(SupportConfig::default())),
+    ] {
+        let mut config = config(1, Task::Velocity);
+        change(&mut config);
+        let error = World::new(scene.clone(), config).unwrap_err().to_string();
+        assert!(error.starts_with(name), "{error}");
+        assert!(error.contains("sector slope has no record"), "{error}");
+    }
 }
 
 #[test]

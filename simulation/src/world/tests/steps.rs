@@ -1,7 +1,7 @@
 //! Determinism, errors and what a step reports.
 
 use super::*;
-use crate::{SimulationError, SupportMap};
+use crate::{SimulationError, SupportConfig};
 
 const TASKS: [Task; 3] = [Task::PointGoal, Task::FollowPath, Task::Velocity];
 
@@ -225,13 +225,6 @@ fn seeds_repeat_their_episodes() {
     assert!(run(None)[0] != first[0]);
 }
 
-/// A support map with more knots than slopes, as a configuration file may have it.
-fn broken_support() -> SupportMap {
-    let loss = serde_json::json!({ "knots": [0.0, 1.0], "slopes": [1.0], "longest": 2.0 });
-    let map = serde_json::json!({ "level_db": 30.0, "distance": loss, "angle": loss });
-    serde_json::from_value(map).unwrap()
-}
-
 #[test]
 fn settings_out_of_range_are_named() {
     let with = |change: fn(&mut WorldConfig)| {
@@ -244,7 +237,7 @@ fn settings_out_of_range_are_named() {
         ("dt_s", with(|c| c.dt_s = f64::NAN)),
         ("end.time_limit_s", with(|c| c.end.time_limit_s = 0.0)),
         ("start.max_tries", with(|c| c.start.max_tries = 0)),
-        ("end.min_support_db", with(|c| c.end.min_support_db = 10.0)),
+        ("end.min_support_db", with(|c| c.end.min_support_db = -1.0)),
         (
             "randomization.speed_scale",
             with(|c| c.randomization.speed_scale = [1.2, 0.8]),
@@ -264,10 +257,14 @@ fn settings_out_of_range_are_named() {
             with(|c| c.reward.tracking_sigma = 1e-170),
         ),
         (
-            "deviation.angle_rad",
-            with(|c| c.deviation.angle_rad = 1e-200),
+            "support.headings",
+            with(|c| {
+                c.support = Some(SupportConfig {
+                    headings: 0,
+                    ..SupportConfig::default()
+                });
+            }),
         ),
-        ("support", with(|c| c.support = Some(broken_support()))),
     ] {
         assert!(error.starts_with(name), "{name}: {error}");
     }

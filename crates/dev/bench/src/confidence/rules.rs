@@ -28,6 +28,16 @@ pub(crate) struct Verdicts {
     pub(crate) flagged: Vec<bool>,
 }
 
+impl Verdicts {
+    /// Those of some of the views.
+    pub(crate) fn of(&self, views: std::ops::Range<usize>) -> Self {
+        Self {
+            uncertainty: self.uncertainty[views.clone()].to_vec(),
+            flagged: self.flagged[views].to_vec(),
+        }
+    }
+}
+
 /// Good and bad views, with flag and without.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Counts {

@@ -1,4 +1,14 @@
-//! How well uncertainties order errors.
+//! How well uncertainties order errors, and how well a PSNR is predicted.
+
+use super::rules::Verdicts;
+use super::samples::Sample;
+
+/// Mean absolute error of the PSNR that a measure predicts, dB: its uncertainty is minus the PSNR.
+pub(crate) fn mean_error_db(samples: &[Sample], of: &Verdicts) -> f64 {
+    let both = samples.iter().zip(&of.uncertainty);
+    let errors = both.map(|(sample, uncertainty)| (sample.errors.psnr_db + uncertainty).abs());
+    errors.sum::<f64>() / samples.len() as f64
+}
 
 /// Area between the sparsification curve and that of an oracle (Ilg et al. 2018): the mean error of
 /// what remains as the most uncertain are left out, over the share that is left out, relative to
@@ -50,6 +60,18 @@ fn ranks(values: &[f64]) -> Vec<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::confidence::rules;
+
+    #[test]
+    fn error_of_the_predicted_psnr() {
+        let samples = [24.0, 17.0].map(|db| rules::tests::sample(db, 0.0, [0.0; 2], 1.0));
+        let of = Verdicts {
+            uncertainty: vec![-22.0, -18.0],
+            flagged: vec![false; 2],
+        };
+        assert!((mean_error_db(&samples, &of) - 1.5).abs() < 1e-12);
+        assert!((mean_error_db(&samples[1..], &of.of(1..2)) - 1.0).abs() < 1e-12);
+    }
 
     #[test]
     fn the_order_of_the_errors_is_the_best_one() {

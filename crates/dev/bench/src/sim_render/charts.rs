@@ -3,6 +3,7 @@
 use charts::{Axis, Chart, Series};
 use serde_json::{Map, Value};
 
+use super::support_charts;
 use crate::render_speed::PAWS_SIM;
 use crate::report::{number, rows, to_svg};
 
@@ -16,7 +17,9 @@ pub(super) fn draw(report: &Map<String, Value>) -> Vec<(String, String)> {
         drawn.push(("sim_render-psnr.svg", psnr_chart(part), part));
     }
     if let Some(part) = report.get("support") {
-        drawn.push(("sim_render-support.svg", support_chart(part), part));
+        drawn.push(("sim_render-support.svg", support_charts::map(part), part));
+        let held_out = support_charts::held_out(part);
+        drawn.push(("sim_render-support-held-out.svg", held_out, part));
     }
     if let Some(part) = report.get("changes") {
         drawn.push(("sim_render-changes.svg", changes_chart(part), part));
@@ -75,29 +78,6 @@ fn psnr_chart(part: &Value) -> Chart {
         .series(series("5th percentile", "psnr_p5_db"))
         .series(series("worst", "psnr_worst_db"))
         .hline(GOAL_DB, "goal of the median")
-}
-
-fn support_chart(part: &Value) -> Chart {
-    let points = |samples: &Value| -> Vec<(f64, f64)> {
-        let samples = rows(samples).iter();
-        samples
-            .map(|own| (number(&own["distance_m"]), number(&own["psnr_db"])))
-            .collect()
-    };
-    let held_out = points(&part["held_out"]["samples"]);
-    let mean = held_out.iter().map(|(_, db)| db).sum::<f64>() / held_out.len().max(1) as f64;
-    let of_scene = held_out.into_iter().map(|(x, db)| (x, db - mean));
-    let chart = Chart::new("PSNR of views by their distance from recorded ones")
-        .subtitle("against the mean of the held-out views on the path of the same walk")
-        .x_axis(Axis::linear("distance", "m"))
-        .y_axis(Axis::linear("PSNR", "dB"))
-        .series(Series::scatter("held-out views of the scene", of_scene));
-    rows(&part["off_path"]["walks"])
-        .iter()
-        .fold(chart, |chart, walk| {
-            let name = walk["walk"].as_str().unwrap_or("?");
-            chart.series(Series::scatter(name, points(&walk["samples"])))
-        })
 }
 
 fn changes_chart(part: &Value) -> Chart {

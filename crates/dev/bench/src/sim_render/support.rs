@@ -1,137 +1,195 @@
-//! PSNR of views by their distance and angle from recorded ones, and its prediction.
+//! The predicted PSNR of views on the scene: against its held-out views, and as a grid over the
+//! ground with what it costs.
 //!
-//! Samples of the scene itself are its held-out views, which lie on the path. Views away from it
-//! have a ground truth only in the benchmark `splats`, one of each distance and angle per walk:
-//! their losses against the held-out views of the same walk are predicted from the other walks.
+//! Held-out views lie on the path. Views at poses of agents have a ground truth only in the
+//! benchmark `sim_truth`, views off the path in `confidence`.
 
-use std::fs;
-use std::path::Path;
-
-use anyhow::Result;
+use anyhow::{Context, Result};
+use rig_sim::random;
 use serde_json::{Value, json};
-use simulation::{Deviation, SupportMap, SupportSample, support_samples};
+use simulation::{EndReason, Task, World, WorldConfig, scaled_model};
+use splats::Camera;
 
 use super::opened_scene::OpenedScene;
+use crate::meter::{median, timed};
 
 /// Mean absolute error that a prediction may have, dB.
 const GOAL_DB: f64 = 1.5;
-/// Fewest samples that a map is fitted to.
-const MIN_SAMPLES: usize = 8;
+/// Columns of the images that are judged.
+const COLUMNS: u32 = 96;
+/// Below this PSNR views count as bad, as in the benchmark `confidence`, dB.
+const MIN_SUPPORT_DB: f64 = 18.0;
+/// Agents on the map, and their steps.
+const AGENTS: usize = 64;
+const STEPS: usize = 300;
+/// Look-ups that are timed, and steps with 1024 environments.
+const LOOK_UPS: usize = 1_000_000;
+const ENVIRONMENTS: usize = 1024;
+const TIMED_STEPS: usize = 50;
+const SEED: u64 = 61;
 
-pub(super) fn measure(scene: &OpenedScene, out: &Path) -> Result<Value> {
-    let held_out = support_samples(&scene.scene.sectors[0])?;
-    // Neighbors are the two eyes of an instant: groups of them alternate.
-    let groups: Vec<Vec<SupportSample>> = held_out.chunks(2).map(<[_]>::to_vec).collect();
+pub(super) fn measure(scene: &OpenedScene) -> Result<Value> {
     Ok(json!({
         "goal_mae_db": GOAL_DB,
-        "held_out": {
-            "samples": held_out,
-            "mae_db_of_map_and_mean": unseen_error(&groups)?,
-        },
-        "off_path": off_path(out)?,
+        "held_out": held_out(scene)?,
+        "grid": grid(scene)?,
+        "map": map(scene)?,
     }))
 }
 
-/// Views away from the path of the walks of `splats.json`.
-fn off_path(out: &Path) -> Result<Value> {
-    let Ok(text) = fs::read_to_string(out.join("splats.json")) else {
-        println!("  no splats.json in the output folder: without views away from the path");
-        return Ok(Value::Null);
-    };
-    let report: Value = serde_json::from_str(&text)?;
-    let rows = report["walks"]["rows"].as_array();
-    let walks: Vec<(&Value, Vec<SupportSample>)> = rows
-        .map_or(&[][..], Vec::as_slice)
-        .iter()
-        .map(|row| (row, relative_samples(row)))
-        .filter(|(_, samples)| !samples.is_empty())
-        .collect();
-    let groups: Vec<Vec<SupportSample>> = walks.iter().map(|(_, own)| own.clone()).collect();
-    let rows: Vec<Value> = walks
-        .iter()
-        .map(|(row, samples)| json!({ "walk": row["walk"], "samples": samples }))
-        .collect();
-    Ok(json!({ "walks": rows, "mae_db_of_map_and_mean": unseen_error(&groups)? }))
+/// Predicted and real PSNR of the held-out views.
+fn held_out(scene: &OpenedScene) -> Result<Value> {
+    let sector = &scene.scene.sectors[0];
+    let gaussians = sector.gaussians.as_ref().context("no Gaussians")?;
+    let observed = gaussians.observed()?;
+    let observed = observed.context("the scene has no record of what its training saw")?;
+    let mut samples = Vec::new();
+    for view in &sector.recording.views {
+        let Some(psnr_db) = view.held_out_psnr_db else {
+            continue;
+        };
+        let cameras = sector.recording.cameras.iter();
+        let camera = cameras.clone().find(|camera| camera.name == view.camera);
+        let model = camera.context("a view of no camera")?.model;
+        let rows = (COLUMNS * model.height).div_ceil(model.width);
+        let model = scaled_model(&model, [COLUMNS, rows])?;
+        let camera = Camera::new(model, view.world_from_camera.inverse())?;
+        let found = observed.confidence(&scene.renderer, &scene.content.exact, &camera)?;
+        samples.push((f64::from(found.psnr_db), psnr_db));
+    }
+    let count = samples.len().max(1) as f64;
+    let mean = samples.iter().map(|own| own.1).sum::<f64>() / count;
+    let of = |error: &dyn Fn(&(f64, f64)) -> f64| samples.iter().map(error).sum::<f64>() / count;
+    let rows = samples.iter();
+    let rows = rows.map(|(predicted, real)| json!({ "predicted_db": predicted, "psnr_db": real }));
+    Ok(json!({
+        "samples": rows.collect::<Vec<_>>(),
+        "mae_db": of(&|own| (own.0 - own.1).abs()),
+        "bias_db": of(&|own| own.0 - own.1),
+        "mae_db_of_mean": of(&|own| (own.1 - mean).abs()),
+    }))
 }
 
-/// PSNR of the views of a walk minus that of its held-out instants, dB.
-fn relative_samples(row: &Value) -> Vec<SupportSample> {
-    let views = row["off_path"].as_array().map_or(&[][..], Vec::as_slice);
-    let sample = |view: &Value| {
-        Some(SupportSample {
-            distance_m: view["offset_m"].as_f64()?,
-            angle_rad: view["angle_deg"].as_f64()?.to_radians(),
-            psnr_db: view["psnr_db"].as_f64()? - row["instants"]["psnr_db"].as_f64()?,
-        })
+/// What the grid costs.
+fn grid(scene: &OpenedScene) -> Result<Value> {
+    let config = |environments: usize, is_predicted: bool| {
+        let mut config = WorldConfig {
+            environments,
+            seed: SEED,
+            support: is_predicted.then(Default::default),
+            ..WorldConfig::default()
+        };
+        config.task.task = Task::Velocity;
+        config
     };
-    views.iter().filter_map(sample).collect()
+    let mut world = World::new(scene.scene.clone(), config(1, true))?;
+    let (made, time) = timed(|| world.prepare(&|_, _| {}));
+    made?;
+    let grid = &world.support()[0];
+    let places = grid.nodes().count();
+    let at = grid
+        .nodes()
+        .next()
+        .context("a scene without ground")?
+        .position_m;
+    let (sum, look_ups) = timed(|| {
+        let yaws = (0..LOOK_UPS).map(|k| k as f64 * 1e-3);
+        yaws.map(|yaw_rad| grid.psnr_db(at, yaw_rad)).sum::<f64>()
+    });
+    // Alternating, so that other load of the machine slows both.
+    let mut worlds = [false, true].map(|is_predicted| {
+        let mut world = World::new(scene.scene.clone(), config(ENVIRONMENTS, is_predicted))?;
+        world.reset(None, None)?;
+        anyhow::Ok((world, Vec::new()))
+    });
+    for step in 0..TIMED_STEPS {
+        for of in &mut worlds {
+            let (world, times) = of.as_mut().map_err(|error| anyhow::anyhow!("{error}"))?;
+            let actions = actions(world, step);
+            let (done, time) = timed(|| world.step(&actions).map(|_| ()));
+            done?;
+            times.push(time.cpu_s);
+        }
+    }
+    let [without, with] = worlds.map(|of| of.map(|(_, times)| 1e3 * median(times.into_iter())));
+    Ok(json!({
+        "places": places,
+        "images": places * 8,
+        "wall_s": time.wall_s,
+        "cpu_s": time.cpu_s,
+        "bytes": grid.bytes(),
+        "look_up_ns": 1e9 * look_ups.cpu_s / LOOK_UPS as f64,
+        "mean_db": sum / LOOK_UPS as f64,
+        "environments": ENVIRONMENTS,
+        "step_cpu_ms_without_and_with": [without?, with?],
+    }))
 }
 
-/// Mean absolute errors on each group of a map that was fitted to all others and of their mean, dB;
-/// none for fewer samples than a map needs.
-fn unseen_error(groups: &[Vec<SupportSample>]) -> Result<Option<[f64; 2]>> {
-    let (mut sums, mut count) = ([0.0; 2], 0);
-    for (number, group) in groups.iter().enumerate() {
-        let others = groups
+/// Predictions from above, where episodes start with a threshold, and where it ends them.
+fn map(scene: &OpenedScene) -> Result<Value> {
+    let mut config = WorldConfig {
+        environments: AGENTS,
+        seed: SEED,
+        ..WorldConfig::default()
+    };
+    config.task.task = Task::Velocity;
+    config.start.min_support_db = MIN_SUPPORT_DB;
+    config.end.min_support_db = MIN_SUPPORT_DB;
+    config.end.unknown_ground_ends = false;
+    config.end.left_map_ends = false;
+    let mut world = World::new(scene.scene.clone(), config)?;
+    world.reset(None, None)?;
+    let position = |at: [f64; 3]| [at[0], at[1]];
+    let of_world = |world: &World| -> Vec<[f64; 2]> {
+        world
+            .states()
             .iter()
-            .enumerate()
-            .filter(|(other, _)| *other != number);
-        let others: Vec<SupportSample> = others.flat_map(|(_, group)| group.clone()).collect();
-        if others.len() < MIN_SAMPLES {
-            return Ok(None);
-        }
-        let map = SupportMap::fit(&others)?;
-        let mean_db = others.iter().map(|other| other.psnr_db).sum::<f64>() / others.len() as f64;
-        for sample in group {
-            let deviation = Deviation {
-                distance_m: sample.distance_m,
-                angle_rad: sample.angle_rad,
-                index: 0,
-            };
-            let predicted = [map.support_db(&deviation), mean_db];
-            for (sum, predicted_db) in sums.iter_mut().zip(predicted) {
-                *sum += (predicted_db - sample.psnr_db).abs();
-            }
-            count += 1;
-        }
+            .map(|state| position(state.position_m))
+            .collect()
+    };
+    let starts = of_world(&world);
+    let mut truncated = Vec::new();
+    for step in 0..STEPS {
+        let actions = actions(&world, step);
+        let result = world.step(&actions)?;
+        let is_deviation = |reason: &i8| *reason == EndReason::Deviation as i8;
+        let ended: Vec<bool> = result.end_reasons.iter().map(is_deviation).collect();
+        let states = of_world(&world);
+        truncated.extend(
+            states
+                .iter()
+                .zip(&ended)
+                .filter(|(_, is)| **is)
+                .map(|(at, _)| *at),
+        );
     }
-    Ok((count > 0).then(|| sums.map(|sum| sum / f64::from(count))))
+    let places = world.support()[0].nodes().map(|node| {
+        let values = node.psnr_db.iter().map(|db| f64::from(*db));
+        let [x, y] = position(node.position_m);
+        let mean = values.clone().sum::<f64>() / node.psnr_db.len() as f64;
+        json!([x, y, mean, values.fold(0.0, f64::max)])
+    });
+    let trajectory = scene.scene.sectors[0].recording.trajectory.as_ref();
+    let poses = trajectory
+        .into_iter()
+        .flat_map(|trajectory| trajectory.usable());
+    let path = poses.map(|pose| position(pose.world_from_rig.translation_m()));
+    Ok(json!({
+        "min_support_db": MIN_SUPPORT_DB,
+        "places_x_y_mean_best_db": places.collect::<Vec<_>>(),
+        "path": path.collect::<Vec<_>>(),
+        "starts": starts,
+        "truncated": truncated,
+    }))
 }
 
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_group_is_predicted_from_the_others_alone() {
-        let sample = |distance_m: f64, psnr_db: f64| SupportSample {
-            distance_m,
-            angle_rad: 0.0,
-            psnr_db,
-        };
-        let of_level = |level: f64| -> Vec<SupportSample> {
-            (0..8)
-                .map(|i| sample(f64::from(i), level - f64::from(i)))
-                .collect()
-        };
-        let equal = [of_level(30.0), of_level(30.0)];
-        let [map, mean] = unseen_error(&equal).unwrap().unwrap();
-        assert!(map < 0.01 && (mean - 2.0).abs() < 0.01);
-        let unequal = [of_level(30.0), of_level(26.0)];
-        let [map, _] = unseen_error(&unequal).unwrap().unwrap();
-        assert!((map - 4.0).abs() < 0.01);
-        assert_eq!(unseen_error(&equal[..1]).unwrap(), None);
-    }
-
-    #[test]
-    fn views_are_compared_with_held_out_ones_of_their_walk() {
-        let row = json!({
-            "instants": { "psnr_db": 21.0 },
-            "off_path": [{ "offset_m": 3.0, "angle_deg": 180.0, "psnr_db": 17.5 }],
-        });
-        let samples = relative_samples(&row);
-        assert_eq!(samples.len(), 1);
-        assert_eq!((samples[0].distance_m, samples[0].psnr_db), (3.0, -3.5));
-        assert_eq!(samples[0].angle_rad, std::f64::consts::PI);
-    }
+/// Agents that walk ahead and turn at random.
+fn actions(world: &World, step: usize) -> Vec<f64> {
+    let count = world.environments() as u64;
+    let agents = 0..count;
+    let both = agents.flat_map(|agent| {
+        let number = step as u64 / 10 * count + agent;
+        [0.8, 1.6 * random::uniform(SEED, 0, number) - 0.8]
+    });
+    both.collect()
 }

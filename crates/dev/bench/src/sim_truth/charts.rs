@@ -17,7 +17,24 @@ pub(super) fn draw(report: &Map<String, Value>) -> Vec<(String, String)> {
         drawn.push(("sim_truth-depth.svg", depth(own), part));
         drawn.push(("sim_truth-offsets.svg", offsets(own), part));
     }
+    if let Some(part) = report.get("support") {
+        drawn.push(("sim_truth-support.svg", support(rows(&part["rows"])), part));
+    }
     to_svg(drawn)
+}
+
+/// Predicted against true PSNR of what agents see.
+fn support(walks: &[Value]) -> Chart {
+    let chart = Chart::new("Predicted PSNR of what agents see against the true one")
+        .subtitle("starts of episodes on simulated walks; on the line the prediction is right")
+        .x_axis(Axis::linear("PSNR to the truth", "dB"))
+        .y_axis(Axis::linear("predicted by the grid", "dB"))
+        .series(Series::line("right", [(8.0, 8.0), (26.0, 26.0)]));
+    walks.iter().fold(chart, |chart, walk| {
+        let samples = rows(&walk["samples"]).iter();
+        let points = samples.map(|own| (number(&own["psnr_db"]), number(&own["grid_db"])));
+        chart.series(Series::scatter(name(walk), points))
+    })
 }
 
 fn name(walk: &Value) -> &str {
