@@ -6,6 +6,7 @@ use std::sync::Arc;
 use gaussians::{Plane, Splats};
 use scene_bundle::outputs;
 use scene_bundle::outputs::splats::{SplatBackground, SplatScene};
+use scene_bundle::{BundleError, error_chain};
 use splats::{Background, Scene, Sky};
 
 use super::hash::bytes::floats;
@@ -117,7 +118,8 @@ impl GaussianSource {
     /// Reads them.
     ///
     /// # Errors
-    /// [`SimulationError::Bundle`] where files changed since the scene was opened.
+    /// [`SimulationError::Scene`] with sector and file where files changed since the scene was
+    /// opened.
     pub fn load(&self) -> Result<Arc<Scene>, SimulationError> {
         match &self.storage {
             Storage::Memory(scene) => Ok(scene.clone()),
@@ -134,9 +136,10 @@ impl fmt::Debug for GaussianSource {
 
 impl BundleGaussians {
     fn load(&self) -> Result<Scene, SimulationError> {
-        let bundle_error = |source| SimulationError::Bundle {
-            path: self.scene.path(),
-            source,
+        let bundle_error = |error: BundleError| SimulationError::Scene {
+            place: format!("Gaussians of sector {}", self.name),
+            found: error_chain(&error),
+            expected: "the files as they were when the scene was opened".to_owned(),
         };
         let reader = self.scene.output(outputs::SPLATS);
         let reader = reader.map_err(bundle_error)?;
