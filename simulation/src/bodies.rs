@@ -19,7 +19,9 @@ pub use body::{Body, BodyShape, BodyState};
 pub use config::BodiesConfig;
 pub use contact::BodyContact;
 
-use rapier3d::prelude::{IntegrationParameters, PhysicsWorld, RigidBodyHandle, SpringCoefficients};
+use rapier3d::prelude::{
+    IntegrationParameters, PhysicsWorld, Ray, RigidBodyHandle, SpringCoefficients,
+};
 use scene_bundle::outputs::collision::Collision;
 
 use crate::error::SimulationError;
@@ -183,6 +185,18 @@ impl RigidBodies {
             self.handle(body)?,
             self.config.step_s,
         ))
+    }
+
+    /// Height at which a ray straight down from a point meets the ground or a body first, m: the
+    /// height of the point itself inside of a convex part, `None` without anything within a depth.
+    /// Of shapes as they were at the last step; there has to be one before.
+    pub fn ground_m(&self, from_m: [f64; 3], depth_m: f64) -> Option<f64> {
+        let ray = Ray::new(vector(from_m), vector([0.0, 0.0, -1.0]));
+        let hit = self
+            .world
+            .query_pipeline()
+            .cast_ray(&ray, depth_m as f32, true);
+        hit.map(|(_, below_m)| from_m[2] - f64::from(below_m))
     }
 
     fn handle(&self, body: usize) -> Result<RigidBodyHandle, SimulationError> {

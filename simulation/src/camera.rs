@@ -13,6 +13,7 @@ mod latency;
 mod noise;
 mod queue;
 mod sensor;
+mod variation;
 
 use cad_transforms::RigidTransform;
 use camera_models::CameraModel;
@@ -25,6 +26,7 @@ pub use latency::{CameraSchedule, TimingConfig};
 pub use noise::NoiseConfig;
 pub use queue::{CameraView, Capture, FrameQueue};
 pub use sensor::{DepthKind, Quality, ShutterConfig, pinhole, scaled_model};
+pub use variation::VariationConfig;
 
 use crate::error::{SimulationError, check_range};
 use crate::scene::RecordingCamera;
@@ -58,6 +60,9 @@ pub struct CameraConfig {
     /// Readout and motion blur.
     #[serde(default)]
     pub shutter: ShutterConfig,
+    /// What differs from episode to episode.
+    #[serde(default)]
+    pub variation: VariationConfig,
     /// Exact, or with levels of detail.
     #[serde(default)]
     pub quality: Quality,
@@ -88,6 +93,7 @@ impl CameraConfig {
             exposure: ExposureConfig::default(),
             noise: NoiseConfig::default(),
             shutter: ShutterConfig::default(),
+            variation: VariationConfig::default(),
             quality: Quality::default(),
             depth: DepthKind::default(),
             far_m: FAR_M,
@@ -127,6 +133,7 @@ impl CameraConfig {
         self.exposure.check()?;
         self.noise.check()?;
         self.shutter.check()?;
+        self.variation.check()?;
         let far_m = f64::from(self.far_m);
         check_range("camera.far_m", far_m, [0.1, 1e5], "0.1 to 100000 m")
     }

@@ -39,6 +39,13 @@ pub(crate) const EXAMPLES: Table = &[
         ],
     ),
     (
+        "import",
+        &[(
+            "paws-sim import gaussian_splat_data --out yard",
+            "then `paws-sim view yard`",
+        )],
+    ),
+    (
         "completions",
         &[(
             "paws-sim completions bash",

@@ -32,7 +32,7 @@ pub use bodies::{BodiesConfig, Body, BodyContact, BodyShape, BodyState, RigidBod
 pub use camera::{
     CameraBatch, CameraConfig, CameraSchedule, CameraView, Capture, DepthKind, ExposureConfig,
     FrameBuffers, FrameQueue, FrameRequest, Frames, NoiseConfig, NoiseKey, Quality, RenderReport,
-    ShutterConfig, TimingConfig, pinhole, scaled_model,
+    ShutterConfig, TimingConfig, VariationConfig, pinhole, scaled_model,
 };
 pub use confidence::ObservedScene;
 pub use episode::{

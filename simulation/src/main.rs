@@ -35,6 +35,8 @@ enum Command {
     Film(commands::film::Arguments),
     /// Drive an agent through a scene in a browser on this machine.
     View(commands::view::Arguments),
+    /// Write a folder of Beogym as a scene that all other verbs open.
+    Import(commands::import::Arguments),
     #[command(flatten)]
     Papers(Papers),
 }
@@ -48,6 +50,7 @@ fn main() -> ExitCode {
         Command::Info(arguments) => commands::info::run(&arguments),
         Command::Film(arguments) => commands::film::run(&arguments),
         Command::View(arguments) => commands::view::run(&arguments),
+        Command::Import(arguments) => commands::import::run(&arguments),
         Command::Papers(papers) => papers
             .write(command(), &mut std::io::stdout())
             .map(|()| ExitCode::SUCCESS),

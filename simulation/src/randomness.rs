@@ -27,6 +27,8 @@ pub enum Stream {
     Latency = 7,
     /// Brightness of images.
     Exposure = 8,
+    /// Lenses of images.
+    Intrinsics = 9,
 }
 
 /// Random numbers of one stream in one episode of one environment.

@@ -13,6 +13,7 @@ mod file;
 mod gaussians;
 mod graph;
 mod hash;
+mod import;
 pub(crate) mod measures;
 mod open;
 mod residency;

@@ -161,12 +161,13 @@ fn config(
             "quality" => config.quality = settings::value(&place, value)?,
             "depth" => config.depth = settings::value(&place, value)?,
             "noise" => config.noise = settings::fields(&place, value)?,
+            "variation" => config.variation = settings::fields(&place, value)?,
             "far_m" => config.far_m = settings::value(&place, value)?,
             "max_bytes" => config.max_bytes = settings::value(&place, value)?,
             _ => {
                 return Err(SettingError::new_err(format!(
-                    "{place}: found an unknown setting, expected quality, depth, noise, far_m, \
-                     max_bytes, width, height, fov, K or timing"
+                    "{place}: found an unknown setting, expected quality, depth, noise, \
+                     variation, far_m, max_bytes, width, height, fov, K or timing"
                 )));
             }
         }

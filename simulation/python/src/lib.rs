@@ -12,6 +12,8 @@ mod scene;
 mod settings;
 mod world;
 
+use std::path::PathBuf;
+
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
@@ -49,6 +51,13 @@ mod _core {
     #[pyfunction]
     fn timing(settings: &str) -> PyResult<String> {
         world::timing(settings)
+    }
+
+    /// Writes a folder of Beogym as a new folder of scene bundles. The time is for their
+    /// provenance, ns of UTC since 1970.
+    #[pyfunction]
+    fn import_beogym(py: Python<'_>, folder: PathBuf, out: PathBuf, now_ns: i64) -> PyResult<()> {
+        scene::import_beogym(py, folder, out, now_ns)
     }
 
     /// Sets the number of threads for steps and images; 0 is one per core. Results do not depend

@@ -8,10 +8,22 @@ use numpy::{PyArray1, PyArray3, PyArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use simulation::testing::SyntheticScene;
-use simulation::{SceneData, SimulationError};
+use simulation::{BeogymConfig, SceneData, SimulationError};
 
 use crate::error::{SettingError, exception};
 use crate::pool;
+
+/// Writes a folder of Beogym as a new folder of scene bundles.
+pub(crate) fn import_beogym(
+    py: Python<'_>,
+    folder: PathBuf,
+    out: PathBuf,
+    now_ns: i64,
+) -> PyResult<()> {
+    let config = BeogymConfig::default();
+    let import = move |_: &_| SceneData::import_beogym(&folder, &out, &config, now_ns).map(drop);
+    pool::run_apart(py, import)?.map_err(|error| exception(&error))
+}
 
 /// A scene: what was reconstructed, shared by worlds and cameras.
 #[pyclass(name = "Scene", module = "paws_sim._core", frozen)]

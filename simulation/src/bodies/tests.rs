@@ -204,6 +204,22 @@ fn a_layer_has_its_heights_and_its_holes() {
 }
 
 #[test]
+fn a_ray_down_has_the_height_of_the_ground() {
+    let mut world = RigidBodies::new(&ramp(), BodiesConfig::default()).unwrap();
+    world.step().unwrap();
+    for at in [[-0.7, -0.4], [0.7, -0.45], [-0.6, 0.35]] {
+        let found = world.ground_m([at[0], at[1], 2.0], 5.0).unwrap();
+        assert!((found - ramp_m(at)).abs() < 1e-5, "{found}");
+    }
+    assert!(world.ground_m([30.0, 0.0, 2.0], 5.0).is_none());
+    assert!(world.ground_m([-0.7, -0.4, 2.0], 0.5).is_none());
+    let mut stairs = RigidBodies::new(&stairs(), BodiesConfig::default()).unwrap();
+    stairs.step().unwrap();
+    let inside = [0.0, 0.0, -0.05];
+    assert_eq!(stairs.ground_m(inside, 5.0), Some(inside[2]));
+}
+
+#[test]
 fn nothing_passes_through_the_ground_at_five_meters_per_second() {
     for (name, body, height_m) in bodies() {
         // Long steps: 8 cm per step.

@@ -72,6 +72,24 @@ mod tests {
     use super::*;
     use crate::randomness::Stream;
 
+    /// Another range of noise scales the same draws.
+    #[test]
+    fn draws_do_not_depend_on_the_noise() {
+        let stream = RandomStream::new(3, 0, Stream::Noise);
+        let draws = |full_well_e: f64, readout_e: f64| {
+            let config = NoiseConfig {
+                full_well_e,
+                readout_e,
+            };
+            let noise = config.of_channel(1.0);
+            let deviation = (0.5 / full_well_e + (readout_e / full_well_e).powi(2)).sqrt();
+            let draw = |index| f64::from(noise.add(0.5, &stream, index) - 0.5) / deviation;
+            (0..1000).map(draw).collect::<Vec<_>>()
+        };
+        let (weak, strong) = (draws(10_000.0, 3.0), draws(200.0, 12.0));
+        assert!(weak.iter().zip(&strong).all(|(a, b)| (a - b).abs() < 1e-3));
+    }
+
     #[test]
     fn variance_rises_with_light_and_gain() {
         let config = NoiseConfig {

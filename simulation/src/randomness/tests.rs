@@ -2,7 +2,7 @@ use std::collections::HashSet;
 
 use super::*;
 
-const STREAMS: [Stream; 8] = [
+const STREAMS: [Stream; 9] = [
     Stream::Start,
     Stream::Goal,
     Stream::Camera,
@@ -11,6 +11,7 @@ const STREAMS: [Stream; 8] = [
     Stream::Mount,
     Stream::Latency,
     Stream::Exposure,
+    Stream::Intrinsics,
 ];
 
 #[test]

@@ -1,58 +1,19 @@
 //! Scenes of several bundles and imported recordings, with edges between them: a file in JSON.
 
-use std::path::Path;
+pub(super) mod format;
 
-use serde::Deserialize;
+use std::path::Path;
 
 use super::beogym;
 use super::bundle::{self, BundleConfig};
 use super::data::SceneData;
 use super::graph;
 use super::sector::{Area, SectorEdge};
-use super::similarity::Similarity;
 use crate::error::SimulationError;
+use format::{FORMAT, MAX_BYTES, SceneFile, VERSION};
 
-/// Value of `format` in the file, and its version.
-const FORMAT: &str = "paws-scene-graph";
-const VERSION: u32 = 1;
-/// Longest file, bytes.
-const MAX_BYTES: u64 = 16 << 20;
-
-/// Content of a scene file.
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-struct SceneFile {
-    format: String,
-    version: u32,
-    name: String,
-    recordings: Vec<RecordingEntry>,
-    #[serde(default)]
-    edges: Vec<EdgeEntry>,
-}
-
-/// A recording with one or several sectors.
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-struct RecordingEntry {
-    /// Prefix of the names of its sectors.
-    name: String,
-    /// Path of a bundle, relative to the file.
-    bundle: Option<String>,
-    /// Path of a folder of Beogym, relative to the file.
-    beogym: Option<String>,
-}
-
-/// An edge. Its reverse follows from it.
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-struct EdgeEntry {
-    from: String,
-    to: String,
-    to_from_here: Similarity,
-    overlap_min_m: [f64; 2],
-    overlap_max_m: [f64; 2],
-    residual_m: f64,
-}
+/// Path of the scene file in the folder of a scene of several recordings.
+pub(super) const IN_FOLDER: &str = "scene-graph.json";
 
 /// Opens a scene file and everything it names.
 pub(super) fn open(path: &Path, config: &BundleConfig) -> Result<SceneData, SimulationError> {
@@ -93,7 +54,12 @@ pub(super) fn open(path: &Path, config: &BundleConfig) -> Result<SceneData, Simu
         };
         hasher.update(&part.hash);
         let first = sectors.len();
+        let area = entry.area(part.sectors.len()).map_err(|found| {
+            let expected = "both corners in order, for a recording of one sector";
+            wrong(format!("recording {}: {found}", entry.name), expected)
+        })?;
         for mut sector in part.sectors {
+            sector.area = area.unwrap_or(sector.area);
             sector.name = renamed(&sector.name, &part.name, &entry.name);
             for edge in &mut sector.edges {
                 edge.to += first;
@@ -114,7 +80,8 @@ pub(super) fn open(path: &Path, config: &BundleConfig) -> Result<SceneData, Simu
     for entry in &file.edges {
         let [from, to] = [index(&entry.from)?, index(&entry.to)?];
         let overlap = Area::new(entry.overlap_min_m, entry.overlap_max_m);
-        if !(entry.residual_m >= 0.0 && overlap.min_m <= overlap.max_m) {
+        let is_residual = entry.residual_m.is_none_or(|residual_m| residual_m >= 0.0);
+        if !(is_residual && overlap.min_m <= overlap.max_m) {
             let found = format!("edge from {} to {}", entry.from, entry.to);
             return Err(wrong(found, "corners in order and a residual of 0 or more"));
         }
@@ -122,7 +89,7 @@ pub(super) fn open(path: &Path, config: &BundleConfig) -> Result<SceneData, Simu
             to,
             to_from_here: entry.to_from_here,
             overlap,
-            residual_m: Some(entry.residual_m),
+            residual_m: entry.residual_m,
             is_imported: sectors[from].0 != sectors[to].0,
         };
         let is_listed = |from: &str, to: &str| {

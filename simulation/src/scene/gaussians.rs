@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use gaussians::{Plane, Splats};
 use scene_bundle::outputs::splats::{SplatBackground, SplatScene};
-use scene_bundle::{BundleError, OutputReader, outputs};
+use scene_bundle::{BundleError, OutputReader, error_chain, outputs};
 use splats::{Background, Camera, Scene, Sky};
 
 use super::hash::bytes::floats;
@@ -147,7 +147,8 @@ impl GaussianSource {
     /// Reads them.
     ///
     /// # Errors
-    /// [`SimulationError::Bundle`] where files changed since the scene was opened.
+    /// [`SimulationError::Scene`] with sector and file where files changed since the scene was
+    /// opened.
     pub fn load(&self) -> Result<Arc<Scene>, SimulationError> {
         match &self.storage {
             Storage::Memory(scene, _) => Ok(scene.clone()),
@@ -195,9 +196,10 @@ impl BundleGaussians {
     }
 
     fn wrong(&self, source: BundleError) -> SimulationError {
-        SimulationError::Bundle {
-            path: self.scene.path(),
-            source,
+        SimulationError::Scene {
+            place: format!("Gaussians of sector {}", self.name),
+            found: error_chain(&source),
+            expected: "the files as they were when the scene was opened".to_owned(),
         }
     }
 

@@ -6,10 +6,12 @@ use super::beogym::{self, BeogymConfig};
 use super::bundle::{self, BundleConfig};
 use super::data::SceneData;
 use super::file;
+use super::import;
 use crate::error::SimulationError;
 
 impl SceneData {
-    /// Opens a scene bundle, or a scene file with several of them (reference page).
+    /// Opens a scene bundle, or a scene of several recordings: its scene file, or the folder with
+    /// `scene-graph.json` (reference page).
     ///
     /// # Errors
     /// [`SimulationError::Bundle`] for what is no bundle, [`SimulationError::Scene`] for damaged
@@ -23,6 +25,10 @@ impl SceneData {
     /// # Errors
     /// As [`Self::open`].
     pub fn open_with(path: &Path, config: &BundleConfig) -> Result<Self, SimulationError> {
+        let of_folder = path.join(file::IN_FOLDER);
+        if of_folder.is_file() {
+            return file::open(&of_folder, config);
+        }
         let is_manifest = path.file_name().is_some_and(|name| name == "scene.json");
         match path.is_file() && !is_manifest {
             true => file::open(path, config),
@@ -37,5 +43,24 @@ impl SceneData {
     /// [`SimulationError::Scene`] with sector, file and first wrong index.
     pub fn open_beogym(path: &Path, config: &BeogymConfig) -> Result<Self, SimulationError> {
         beogym::open(path, config)
+    }
+
+    /// Imports a folder of Beogym and writes it as a new folder that [`Self::open`] opens: a scene
+    /// bundle for each sector, and `scene-graph.json` with their areas and edges. The maps of a
+    /// sector reach 8 m beyond its area. Returns the import with what the folder
+    /// [lacks](Self::missing). `now_civil_ns` is for the provenance, ns of UTC since 1970.
+    ///
+    /// # Errors
+    /// As [`Self::open_beogym`]; [`SimulationError::Scene`] if there is something at the new path
+    /// or it cannot be written. Then nothing is left there that was not there before.
+    pub fn import_beogym(
+        from: &Path,
+        to: &Path,
+        config: &BeogymConfig,
+        now_civil_ns: i64,
+    ) -> Result<Self, SimulationError> {
+        let scene = beogym::open(from, config)?;
+        import::write(&scene, config, to, now_civil_ns)?;
+        Ok(scene)
     }
 }

@@ -2,5 +2,6 @@
 
 mod bundle;
 mod film;
+mod import;
 mod processes;
 mod view;

@@ -7,10 +7,12 @@
 //! 1. `walks`: 20 seeds of 5 m over kerb and stairs, up and down. Success and progress on both
 //!    grounds, distance of contacts of the feet from the true surface.
 //! 2. `steps`: 20 seeds over one step and up a flight: which heights the gait manages.
-//! 3. `shape`: height of the collision shape under soles against the number of its parts.
+//! 3. `shape`: height of the collision shape under soles against the number of its parts; the same
+//!    soles probed in both engines; ground that is not there, penetration and time per step.
 //! 4. `surface`: the collision surface along the courses of `walks` against the true ground, by
 //!    what is highest there.
-//! 5. `bodies`: a box, a ball and a stand at rest in MuJoCo and in `rapier3d`, over time steps.
+//! 5. `bodies`: a box, a ball, a capsule and a stand at rest in MuJoCo and in `rapier3d`, over time
+//!    steps, and the Go2 in MuJoCo.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -23,7 +25,10 @@ mod bodies;
 mod charts;
 mod course;
 mod model;
+mod probe;
 mod profile;
+mod shape;
+mod stand;
 mod values;
 
 use crate::terrain::keyframes::{Source, depth_frames, keyframes};
@@ -84,6 +89,7 @@ pub(crate) fn run(args: &[String]) -> Result<()> {
                     "walk": walk.name(),
                     "ground": walk.kind.name(),
                     "curve": parts::curve(&surface, &truth),
+                    "report": shape::report(&surface, &truth, &folder(&walk.name())?)?,
                 }));
             }
             if has("surface") {
@@ -194,12 +200,15 @@ fn steps(seeds: usize) -> Result<Vec<Value>> {
 
 /// The script's answer, and its processor time, s.
 fn ask(jobs: Vec<Value>) -> Result<(Value, f64)> {
-    let modules =
-        Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../simulation/python/python/paws_sim");
-    let question = json!({ "modules": modules, "jobs": jobs });
+    let question = json!({ "modules": modules(), "jobs": jobs });
     let before = meter::children_cpu_s()?;
     let answer = python::ask_in(python::PHYSICS, SCRIPT, &question)?;
     Ok((answer, meter::children_cpu_s()? - before))
+}
+
+/// Where the Python package `paws_sim` has its modules.
+fn modules() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../simulation/python/python/paws_sim")
 }
 
 /// Shares of runs by their end, and how far they came.

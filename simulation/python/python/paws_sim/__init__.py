@@ -30,7 +30,7 @@ from .cameras import Cameras
 from .end_reason import EndReason
 from .physics import BackendMissing
 from .registration import register
-from .simulator import Inputs, open_scene
+from .simulator import Inputs, import_beogym, open_scene
 from .walk_env import WalkEnv
 from .walk_vector_env import WalkVectorEnv
 
@@ -51,6 +51,7 @@ __all__ = [
     "WalkEnv",
     "WalkVectorEnv",
     "__version__",
+    "import_beogym",
     "make",
     "make_vec",
     "open_scene",

@@ -27,6 +27,9 @@ def check_camera(lens: tuple[int, int, float, float, float, float], options: str
 def timing(settings: str) -> str:
     """The whole timing of a camera as JSON, of settings or the name of a preset."""
 
+def import_beogym(folder: str, out: str, now_ns: int) -> None:
+    """Writes a folder of Beogym as a new folder of scene bundles."""
+
 @final
 class Scene:
     @staticmethod

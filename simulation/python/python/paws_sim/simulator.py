@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -51,13 +52,20 @@ Reward = Callable[[Inputs], np.ndarray]
 
 
 def open_scene(scene) -> _core.Scene:
-    """A scene of a path to a bundle, of `synthetic:NAME`, or as it is."""
+    """A scene of a path to a bundle or a folder of several, of `synthetic:NAME`, or as it is."""
     if isinstance(scene, _core.Scene):
         return scene
     text = os.fspath(scene)
     if text.startswith("synthetic:"):
         return _core.Scene.synthetic(text.removeprefix("synthetic:"))
     return _core.Scene.open(text)
+
+
+def import_beogym(folder, out) -> _core.Scene:
+    """Writes a folder of Beogym as a new folder of scene bundles, and opens it. An error if
+    there is something at `out`."""
+    _core.import_beogym(os.fspath(folder), os.fspath(out), time.time_ns())
+    return open_scene(out)
 
 
 def merged(*parts: Mapping[str, Any]) -> dict[str, Any]:

@@ -6,7 +6,7 @@ use super::{CameraConfig, FrameRequest};
 use crate::camera::exposure::{SCENE_GAMMA, ToneCurve, quantized, scene_exposure};
 use crate::camera::noise::NoiseConfig;
 use crate::camera::sensor::DepthKind;
-use crate::camera::{ExposureConfig, ShutterConfig};
+use crate::camera::{ExposureConfig, ShutterConfig, VariationConfig};
 use crate::error::SimulationError;
 use crate::randomness::{RandomStream, Stream};
 
@@ -23,6 +23,7 @@ const MIN_ALPHA: f32 = 0.5;
 /// Exposure, motion blur, noise, quantization, and the depth that was chosen.
 pub(super) struct Developer {
     exposure: ExposureConfig,
+    variation: VariationConfig,
     noise: NoiseConfig,
     shutter: ShutterConfig,
     depth: DepthKind,
@@ -38,6 +39,7 @@ impl Developer {
             && config.exposure.gamma == SCENE_GAMMA;
         Self {
             exposure: config.exposure,
+            variation: config.variation,
             noise: config.noise,
             shutter: config.shutter,
             depth: config.depth,
@@ -53,7 +55,8 @@ impl Developer {
         image: impl Fn(f64, &Exposure) -> Result<Image, SimulationError>,
         mut slot: Slot<'_>,
     ) -> Result<(), SimulationError> {
-        let gains = self.exposure.gains(request.gain);
+        let varied = self.variation.gain_of(&request.noise);
+        let gains = self.exposure.gains(request.gain * varied);
         let Some(curve) = &self.curve else {
             let image = image(0.0, &scene_exposure(gains))?;
             self.write_depth(&image, &mut slot);

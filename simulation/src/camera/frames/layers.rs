@@ -133,9 +133,10 @@ impl Layers {
 pub(super) fn model(config: &CameraConfig, request: &FrameRequest) -> CameraModel {
     let [fx, fy, cx, cy] = request.intrinsics_px;
     let model = config.model;
+    let scale = config.variation.focal_scale_of(&request.noise);
     CameraModel {
-        fx: model.fx + fx,
-        fy: model.fy + fy,
+        fx: scale * model.fx + fx,
+        fy: scale * model.fy + fy,
         cx: model.cx + cx,
         cy: model.cy + cy,
         ..model

@@ -1,5 +1,5 @@
 use super::*;
-use crate::camera::{NoiseConfig, Quality, ShutterConfig};
+use crate::camera::{NoiseConfig, Quality, ShutterConfig, VariationConfig};
 use crate::scene::ResidencyConfig;
 use crate::testing::SyntheticScene;
 
@@ -100,6 +100,39 @@ fn a_frame_has_the_same_bits_in_any_batch_in_any_order_on_any_number_of_threads(
         let shows_something = |v: &[u8]| v.iter().any(|value| *value != v[0]);
         assert!(shows_something(part(&together, 0).0));
     }
+}
+
+/// A frame with gain and focal length of its episode is that of a request that states them.
+#[test]
+fn variations_are_those_of_the_episode() {
+    let scene = SyntheticScene::room().unwrap();
+    let mut varied = requests(&scene, 2);
+    for (number, request) in varied.iter_mut().enumerate() {
+        request.noise.episode = number as u64;
+    }
+    let variation = VariationConfig {
+        gain: [0.5, 2.0],
+        focal_scale: [0.9, 1.1],
+    };
+    let mut stated = varied.clone();
+    let plain = batch(&scene, |_| {});
+    for request in &mut stated {
+        let model = plain.config().model;
+        request.gain = variation.gain_of(&request.noise);
+        let scale = variation.focal_scale_of(&request.noise);
+        request.intrinsics_px = [(scale - 1.0) * model.fx, (scale - 1.0) * model.fy, 0.0, 0.0];
+    }
+    let mut found = Frames::default();
+    let with_variation = batch(&scene, |config| config.variation = variation);
+    with_variation.render(&varied, &mut found).unwrap();
+    let [mut expected, mut nominal] = [Frames::default(), Frames::default()];
+    plain.render(&stated, &mut expected).unwrap();
+    plain.render(&varied, &mut nominal).unwrap();
+    // Rounding of the focal length decides single values.
+    let pairs = found.rgb.iter().zip(&expected.rgb);
+    let different = pairs.filter(|(a, b)| a.abs_diff(**b) > 1).count();
+    assert!(different * 1000 <= found.rgb.len(), "{different}");
+    assert!(found.rgb != nominal.rgb);
 }
 
 #[test]

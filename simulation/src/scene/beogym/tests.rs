@@ -1,101 +1,26 @@
 use std::path::PathBuf;
 
 use gaussians::files::ply;
-use gaussians::{Plane, Splat, Splats};
+use gaussians::{Plane, Splats};
 use scene_bundle::outputs::maps::{FREE, MapLevel, OCCUPIED, UNKNOWN};
 
 use super::*;
+use crate::testing;
 
-/// A made-up folder of generation 1: two sectors along x of the LiDAR frame (y up), and a map with
-/// ground at y = -1.5, a wall and a bridge.
+/// A made-up folder of generation 1, whose second sector is 10 m away.
 struct Folder {
     folder: tempfile::TempDir,
 }
 
-/// `lidar_from_sector` of sector number k as its file has it: a quarter turn about y, displaced.
-const ROWS: [[f64; 3]; 3] = [[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]];
-
 impl Folder {
     fn new() -> Self {
         let folder = tempfile::tempdir().unwrap();
-        let this = Self { folder };
-        for (k, name) in ["sec1", "sec2"].into_iter().enumerate() {
-            let sector = this.path().join(name);
-            fs::create_dir_all(&sector).unwrap();
-            let mut splats = Splats::empty(1).unwrap();
-            // Origin and a point at 2 m along z of the sector.
-            for z in [0.0, 2.0] {
-                let mut splat = Splat::sphere(0.1, [0.2 + 0.1 * k as f32, 0.5, 0.7]);
-                splat.position_m = [0.0, 0.0, z];
-                splats.push(&splat).unwrap();
-            }
-            fs::write(sector.join("point_cloud.ply"), ply::write(&splats, false)).unwrap();
-            let t = [10.0 * k as f64, -0.5, 3.0];
-            let row = |r: [f64; 3]| format!("[{:.8e} {:.8e} {:.8e}]", r[0], r[1], r[2]);
-            let rows: Vec<String> = ROWS.into_iter().chain([t]).map(row).collect();
-            fs::write(
-                sector.join("transformation.txt"),
-                format!("[{}]", rows.join("\n ")),
-            )
-            .unwrap();
-            let camera = |z: f64| {
-                format!(
-                    "{{\"id\": 0, \"img_name\": \"cam1_100.jpg\", \"width\": 1280, \"height\": 720, \
-                     \"position\": [0.0, 0.0, {z}], \"rotation\": [[1,0,0],[0,1,0],[0,0,1]], \
-                     \"fy\": 800.0, \"fx\": 800.0}}"
-                )
-            };
-            let text = format!("[{}, {}]", camera(0.0), camera(2.0));
-            fs::write(sector.join("cameras.json"), text).unwrap();
-        }
-        fs::write(this.path().join("surfaceMap.pcd"), this.map("ascii")).unwrap();
-        this
+        testing::beogym::write(folder.path(), 10.0).unwrap();
+        Self { folder }
     }
 
     fn path(&self) -> &Path {
         self.folder.path()
-    }
-
-    /// Ground of 12 x 8 m but for a hole, a wall, a bridge 3 m above; x and z are the ground.
-    fn points() -> Vec<[f32; 3]> {
-        let mut points = Vec::new();
-        for i in 0..240 {
-            for j in 0..160 {
-                let [x, z] = [i, j].map(|k| 0.05 * k as f32 + 0.01);
-                let is_hole = (4.0..5.0).contains(&x) && (4.0..5.0).contains(&z);
-                if !is_hole {
-                    points.push([x, -1.5, z]);
-                }
-                if (6.0..8.0).contains(&x) {
-                    points.push([x, 1.5, z]);
-                }
-                if (2.0..2.2).contains(&x) {
-                    points.extend((1..40).map(|k| [x, -1.5 + 0.05 * k as f32, z]));
-                }
-            }
-        }
-        points
-    }
-
-    fn map(&self, data: &str) -> Vec<u8> {
-        let points = Self::points();
-        let count = points.len();
-        let mut bytes = format!(
-            "# .PCD v0.7\nVERSION 0.7\nFIELDS x y z intensity\nSIZE 4 4 4 4\nTYPE F F F F\n\
-             COUNT 1 1 1 1\nWIDTH {count}\nHEIGHT 1\nVIEWPOINT 0 0 0 1 0 0 0\nPOINTS {count}\n\
-             DATA {data}\n"
-        )
-        .into_bytes();
-        for [x, y, z] in points {
-            match data {
-                "ascii" => bytes.extend(format!("{x} {y} {z} 7\n").into_bytes()),
-                _ => [x, y, z, 7.0]
-                    .map(|v| bytes.extend(v.to_le_bytes()))
-                    .iter()
-                    .for_each(drop),
-            }
-        }
-        bytes
     }
 
     fn open(&self) -> Result<SceneData, SimulationError> {
@@ -181,11 +106,15 @@ fn maps_keep_holes_walls_and_both_heights_of_a_bridge() {
 fn binary_and_ascii_maps_are_the_same() {
     let folder = Folder::new();
     let ascii = folder.open().unwrap();
-    fs::write(folder.path().join("surfaceMap.pcd"), folder.map("binary")).unwrap();
+    fs::write(
+        folder.path().join("surfaceMap.pcd"),
+        testing::beogym::map("binary"),
+    )
+    .unwrap();
     assert_eq!(ascii.hash, folder.open().unwrap().hash);
-    let error = folder.error("surfaceMap.pcd", &folder.map("binary_compressed"));
+    let error = folder.error("surfaceMap.pcd", &testing::beogym::map("binary_compressed"));
     assert!(error.contains("pcl_convert_pcd_ascii_binary"), "{error}");
-    let half = folder.map("binary");
+    let half = testing::beogym::map("binary");
     let error = folder.error("surfaceMap.pcd", &half[..half.len() / 2]);
     assert!(error.contains("points"), "{error}");
 }

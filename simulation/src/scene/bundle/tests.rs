@@ -10,6 +10,8 @@ use super::*;
 use crate::scene::Place;
 use crate::testing::SyntheticScene;
 
+mod faults;
+
 /// Writes the bridge as a bundle with two sectors of Gaussians that part at x = 12 m.
 fn write_bundle(folder: &Path) -> PathBuf {
     let path = folder.join("bridge.scene");

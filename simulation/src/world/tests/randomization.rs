@@ -5,14 +5,15 @@ use crate::camera::TimingConfig;
 use crate::episode::RandomizationConfig;
 use crate::world::episode::Target;
 
-/// What an episode draws, each as bits: start, goal, speeds, mount, times of frames, latencies.
-fn draws(randomization: RandomizationConfig, change: fn(&mut WorldConfig)) -> [Vec<u64>; 6] {
+/// What an episode draws, each as bits: start, goal, speeds, mount, times of frames, latencies, and
+/// the key of noise, exposure and lens of its images.
+fn draws(randomization: RandomizationConfig, change: fn(&mut WorldConfig)) -> [Vec<u64>; 7] {
     let mut config = config(50, Task::PointGoal);
     config.randomization = randomization;
     config.timing = TimingConfig::gauss_gym();
     change(&mut config);
     let mut world = World::new(room(), config).unwrap();
-    let mut draws: [Vec<u64>; 6] = Default::default();
+    let mut draws: [Vec<u64>; 7] = Default::default();
     for _ in 0..20 {
         world.reset(None, None).unwrap();
         for i in 0..50 {
@@ -30,6 +31,8 @@ fn draws(randomization: RandomizationConfig, change: fn(&mut WorldConfig)) -> [V
             let schedule = world.environments.queue[i].as_ref().unwrap().schedule;
             draws[4].extend([schedule.phase_ns, schedule.interval_ns].map(|ns| ns as u64));
             draws[5].extend((0..5).map(|k| schedule.latency_ns(k, 0) as u64));
+            let key = world.frame_request(i).noise;
+            draws[6].extend([key.seed, key.episode, key.frame]);
         }
     }
     draws
@@ -63,7 +66,7 @@ fn streams_are_independent() {
         (4, draws(base, slow)),
         (5, draws(base, late)),
     ] {
-        for stream in 0..6 {
+        for stream in 0..7 {
             assert_eq!(
                 found[stream] == expected[stream],
                 stream != changed,
@@ -79,6 +82,49 @@ fn streams_are_independent() {
         config.randomization.start_yaw_rad = [0.0, 1.0];
     });
     assert!(found[0] != expected[0] && found[1..] == expected[1..]);
+    // A start without a goal in range is drawn again: here every start has several.
+    let many = |config: &mut WorldConfig| {
+        config.end.max_deviation_m = 100.0;
+        config.task.goals = 40;
+        config.task.goal_distance_m = [0.5, 20.0];
+    };
+    let expected = draws(base, many);
+    let found = draws(base, |config| {
+        config.end.max_deviation_m = 100.0;
+        config.task.goals = 40;
+        config.task.goal_distance_m = [0.5, 4.0];
+    });
+    for stream in 0..7 {
+        assert_eq!(found[stream] == expected[stream], stream != 1, "{stream}");
+    }
+}
+
+#[test]
+fn commands_have_a_draw_for_each_range() {
+    let task = |command_m_s, command_rad_s| TaskConfig {
+        command_m_s,
+        command_rad_s,
+        ..TaskConfig::default()
+    };
+    let commands = |task: TaskConfig| {
+        let numbers = (0..200).map(|k| task.command(k, 3, 5.0 * k as f64));
+        numbers
+            .map(|command| command.map(f64::to_bits))
+            .collect::<Vec<_>>()
+    };
+    let base = commands(task([-0.5, 1.5], [-1.0, 1.0]));
+    let faster = commands(task([0.0, 3.0], [-1.0, 1.0]));
+    let turning = commands(task([-0.5, 1.5], [-2.0, 0.5]));
+    assert!(
+        base.iter()
+            .zip(&faster)
+            .all(|(a, b)| a[0] != b[0] && a[1] == b[1])
+    );
+    assert!(
+        base.iter()
+            .zip(&turning)
+            .all(|(a, b)| a[0] == b[0] && a[1] != b[1])
+    );
 }
 
 #[test]

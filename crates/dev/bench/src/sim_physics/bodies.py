@@ -14,12 +14,22 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-TYPES = {"box": mujoco.mjtGeom.mjGEOM_BOX, "ball": mujoco.mjtGeom.mjGEOM_SPHERE}
+TYPES = {
+    "box": mujoco.mjtGeom.mjGEOM_BOX,
+    "ball": mujoco.mjtGeom.mjGEOM_SPHERE,
+    # Radius, and half of the length of its cylinder, which is along x.
+    "capsule": mujoco.mjtGeom.mjGEOM_CAPSULE,
+}
+# Rotates z to x.
+ALONG_X = [math.sqrt(0.5), 0.0, math.sqrt(0.5), 0.0]
 
 
 def volume_m3(shape):
     size = shape["size_m"]
-    return 8 * math.prod(size) if shape["type"] == "box" else 4 / 3 * math.pi * size[0] ** 3
+    if shape["type"] == "box":
+        return 8 * math.prod(size)
+    ball = 4 / 3 * math.pi * size[0] ** 3
+    return ball if shape["type"] == "ball" else ball + 2 * math.pi * size[0] ** 2 * size[1]
 
 
 def model(job):
@@ -36,6 +46,7 @@ def model(job):
             type=TYPES[shape["type"]],
             size=(shape["size_m"] + [0, 0])[:3],
             pos=shape["position_m"],
+            quat=ALONG_X if shape["type"] == "capsule" else [1, 0, 0, 0],
             mass=job["mass_kg"] * volume_m3(shape) / total,
             friction=friction,
         )

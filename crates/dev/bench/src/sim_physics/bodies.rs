@@ -1,12 +1,14 @@
 //! The same bodies on the same ground in both engines: `rapier3d` in process and MuJoCo.
 //!
-//! A box, a ball and a stand with four feet fall from 10 cm on a plane, a tread, a ramp of 10
-//! degrees and a height layer of waves, and are thrown down on the plane at 5 m/s, with time steps
-//! from 0.5 to 16 ms. Balls roll where the ground is not level: they fall on level ground alone.
+//! A box, a ball, a lying capsule and a stand with four feet fall from 10 cm on a plane, a tread, a
+//! ramp of 10 degrees and a height layer of waves, and are thrown down on the plane at 5 m/s, with
+//! time steps from 0.5 to 16 ms. What rolls falls on level ground alone.
+//!
+//! The Go2 stands in its default pose in MuJoCo, on a plane of MuJoCo, on the plane and on a tread.
 
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, Result, bail, ensure};
+use anyhow::{Context, Result, ensure};
 use cad_transforms::RigidTransform;
 use scene_bundle::outputs::collision::{Collision, ConvexPart, HeightLayer, PartKind};
 use scene_bundle::outputs::grid::Grid;
@@ -14,20 +16,21 @@ use serde_json::{Value, json};
 use simulation::{BodiesConfig, Body, BodyShape, RigidBodies};
 
 use super::model;
+use super::stand;
 use super::values::entries;
 use crate::{meter, python};
 
-const SCRIPT: &str = "sim_physics/bodies.py";
+pub(super) const SCRIPT: &str = "sim_physics/bodies.py";
 /// Time steps, ms. The first is the standard that others are compared with.
 const STEPS_MS: [f64; 6] = [0.5, 1.0, 2.0, 4.0, 8.0, 16.0];
 const DURATION_S: f64 = 3.0;
 const DROP_M: f64 = 0.1;
 const FRICTION: f64 = 1.0;
-const RISE_M: f64 = 0.17;
+pub(super) const RISE_M: f64 = 0.17;
 const RAMP_RAD: f64 = 10.0 * std::f64::consts::PI / 180.0;
 
 /// A body over a ground.
-struct Case {
+pub(super) struct Case {
     place: &'static str,
     body: &'static str,
     fall: &'static str,
@@ -90,6 +93,7 @@ pub(super) fn bodies(folder: &Path) -> Result<Vec<Value>> {
         row["mujoco"] = answer["mujoco"].clone();
     }
     compare(&mut rows);
+    rows.extend(stand::go2(&ground_of(&cases[0])?.2)?);
     println!("{:#}", Value::Array(rows.clone()));
     Ok(rows)
 }
@@ -128,13 +132,13 @@ impl Case {
     }
 
     /// For the script.
-    fn to_json(&self, model: &Path, step_s: f64) -> Result<Value> {
+    pub(super) fn to_json(&self, model: &Path, step_s: f64) -> Result<Value> {
         let mut shapes = Vec::new();
         for (shape, position_m) in &self.shapes {
             let (kind, size_m) = match shape {
                 BodyShape::Box { half_m } => ("box", half_m.to_vec()),
                 BodyShape::Ball { radius_m } => ("ball", vec![*radius_m]),
-                BodyShape::Capsule { .. } => bail!("the script knows no capsules"),
+                BodyShape::Capsule { half_m, radius_m } => ("capsule", vec![*radius_m, *half_m]),
             };
             shapes.push(json!({ "type": kind, "size_m": size_m, "position_m": position_m }));
         }
@@ -151,7 +155,7 @@ impl Case {
     }
 
     /// The same in process, with the same answer as the script.
-    fn run(&self, ground: &Collision, step_s: f64) -> Result<Value> {
+    pub(super) fn run(&self, ground: &Collision, step_s: f64) -> Result<Value> {
         let mut config = BodiesConfig::default();
         config.step_s = step_s;
         config.friction = FRICTION;
@@ -161,7 +165,12 @@ impl Case {
         body.velocity_m_s = self.velocity_m_s;
         body.shapes.clear();
         for (shape, position_m) in &self.shapes {
-            let place = RigidTransform::from_translation_m(*position_m)?;
+            // Capsules lie along x.
+            let rotation = match shape {
+                BodyShape::Capsule { .. } => [0.0, std::f64::consts::FRAC_PI_2, 0.0],
+                _ => [0.0; 3],
+            };
+            let place = RigidTransform::from_rotation_vector(rotation, *position_m)?;
             body.shapes.push((*shape, place));
         }
         let body = world.add(&body)?;
@@ -192,10 +201,10 @@ impl Case {
     fn rest(&self, found: &Value) -> Value {
         let number = |value: &Value| value.as_f64().unwrap_or(f64::NAN);
         let at = |key: &str, k: usize| number(&found[key][k]);
-        // A ball has its sole below its middle, however it is rotated; on level ground that is as
-        // far away as the middle.
+        // What is round has its sole below its middle, however it is rotated; on level ground that
+        // is as far away as the middle.
         let sole_m = |k: usize| match self.body {
-            "ball" => at("position_m", k),
+            "ball" | "capsule" => at("position_m", k),
             _ => at("position_m", k) - self.sole_m * at("up", k),
         };
         let away = |k: usize| sole_m(k) - self.position_m[k];
@@ -210,6 +219,13 @@ impl Case {
     }
 }
 
+/// A stand of 4 kg with four feet, dropped from 10 cm above a place.
+pub(super) fn stand_at([x, y, z]: [f64; 3]) -> Option<Case> {
+    let mut stand = cases().into_iter().find(|case| case.body == "stand")?;
+    stand.position_m = [x, y, z + stand.sole_m + DROP_M];
+    Some(stand)
+}
+
 fn cases() -> Vec<Case> {
     let box_ = || {
         vec![(
@@ -220,6 +236,13 @@ fn cases() -> Vec<Case> {
         )]
     };
     let ball = || vec![(BodyShape::Ball { radius_m: 0.05 }, [0.0; 3])];
+    let capsule = || {
+        let shape = BodyShape::Capsule {
+            half_m: 0.08,
+            radius_m: 0.04,
+        };
+        vec![(shape, [0.0; 3])]
+    };
     let stand = || {
         let trunk = BodyShape::Box {
             half_m: [0.16, 0.1, 0.02],
@@ -238,6 +261,7 @@ fn cases() -> Vec<Case> {
         let mut bodies = vec![("box", box_(), 1.0, 0.05), ("stand", stand(), 4.0, 0.122)];
         if is_level {
             bodies.push(("ball", ball(), 0.5, 0.05));
+            bodies.push(("capsule", capsule(), 0.8, 0.04));
         }
         for (body, shapes, mass_kg, height_m) in bodies {
             let rest_m = ground_m + height_m;

@@ -3,7 +3,7 @@
 use charts::{Axis, Chart, Series};
 use serde_json::{Map, Value};
 
-use super::values::{CONTACT_GOAL_MM, REST_GOAL_MM, entries};
+use super::values::{CONTACT_GOAL_MM, FALSE_SUPPORT_GOAL, REST_GOAL_MM, entries};
 use crate::stamp;
 
 const WIDTH: u32 = 760;
@@ -27,7 +27,11 @@ pub(super) fn draw(report: &Map<String, Value>) -> Vec<(String, String)> {
                 ("bodies-slip", slip(rows)),
                 ("bodies-sink", sink(rows)),
             ],
-            "shape" => vec![("shape", shape(rows))],
+            "shape" => vec![
+                ("shape", shape(rows)),
+                ("shape-support", false_support(rows)),
+                ("shape-time", step_time(rows)),
+            ],
             _ => Vec::new(),
         };
         let foot = stamp::source(&found["stamp"]);
@@ -131,7 +135,7 @@ fn by_step(rows: &[Value], chart: Chart, value: impl Fn(&Value) -> Option<f64>) 
 
 fn bodies(rows: &[Value]) -> Chart {
     let chart = Chart::new("Bodies at rest on level ground: error of their height")
-        .subtitle("the largest of a box, a ball and a stand, dropped and thrown")
+        .subtitle("the largest of a box, a ball, a capsule and a stand, dropped and thrown")
         .y_axis(Axis::linear("error of the height", "mm").include(0.0));
     by_step(rows, chart, |row| {
         Some(row["rest"]["height_error_mm"].as_f64()?.abs())
@@ -159,12 +163,51 @@ fn slip(rows: &[Value]) -> Chart {
 
 fn sink(rows: &[Value]) -> Chart {
     let chart = Chart::new("Bodies thrown down at 5 m/s: how deep they sink in")
-        .subtitle("the largest of a box, a ball and a stand, below their height at rest")
+        .subtitle("the largest of a box, a ball, a capsule and a stand, below their height at rest")
         .y_axis(Axis::linear("depth", "mm").include(0.0));
     by_step(rows, chart, |row| {
         let sink_mm = row["rest"]["sink_mm"].as_f64()?;
         (row["fall"] == "thrown").then_some(sink_mm)
     })
+}
+
+fn false_support(rows: &[Value]) -> Chart {
+    let chart = Chart::new("Collision shape: ground that is not there, against its parts")
+        .subtitle(
+            "share of places near footsteps that hold a foot of 4 cm where the truth has none",
+        )
+        .x_axis(Axis::log("parts per 100 m²", ""))
+        .y_axis(Axis::linear("places", "%").include(0.0));
+    let lines = rows.iter().map(|row| {
+        let points = entries(&row["report"]["rows"]).iter().map(|own| {
+            let share = number(own, "feet.false_support_share");
+            (number(own, "parts_per_100_m2"), 100.0 * share)
+        });
+        Series::line(text(row, "ground"), points)
+    });
+    lines
+        .fold(chart, Chart::series)
+        .hline(100.0 * FALSE_SUPPORT_GOAL, "goal")
+}
+
+/// Time of a step relative to that with the default number of parts.
+fn step_time(rows: &[Value]) -> Chart {
+    let chart = Chart::new("Collision shape: time of a step of a stand on it, against its parts")
+        .subtitle("processor time over that with the default's parts")
+        .x_axis(Axis::log("parts and layers", ""))
+        .y_axis(Axis::linear("ratio", "").include(0.0));
+    let lines = rows.iter().flat_map(|row| {
+        [("rapier3d", "step_us.rapier"), ("MuJoCo", "step_us.mujoco")].map(|(engine, path)| {
+            let points = entries(&row["report"]["rows"]);
+            let is_default = |own: &&Value| (number(own, "uncovered_share") - 0.25).abs() < 1e-9;
+            let usual = points.iter().find(is_default);
+            let usual = usual.map_or(f64::NAN, |own| number(own, path));
+            let at = |own: &Value| (number(own, "geoms"), number(own, path) / usual);
+            let name = format!("{}, {engine}", text(row, "ground"));
+            Series::line(&name, points.iter().map(at))
+        })
+    });
+    lines.fold(chart, Chart::series)
 }
 
 fn shape(rows: &[Value]) -> Chart {

@@ -30,7 +30,11 @@ const MARGIN_M: f64 = 1.2;
 
 /// Collision geometry as the stage `maps` writes it.
 pub(super) fn reconstructed(surface: &Surface) -> Collision {
-    let config = ConvexConfig::default();
+    with_config(surface, &ConvexConfig::default())
+}
+
+/// The same with other limits of the parts.
+pub(super) fn with_config(surface: &Surface, config: &ConvexConfig) -> Collision {
     let Surface {
         ground,
         planes,
@@ -38,9 +42,9 @@ pub(super) fn reconstructed(surface: &Surface) -> Collision {
         levels,
         ..
     } = surface;
-    let parts = collision_parts(planes, edges, levels, &config);
+    let parts = collision_parts(planes, edges, levels, config);
     let obstacles = obstacle_parts(ground, planes, levels, &ObstacleConfig::default());
-    map_collision(parts, obstacles, planes, &config)
+    map_collision(parts, obstacles, planes, config)
 }
 
 /// The true ground around a course: its triangles, joined to convex polygons where they are

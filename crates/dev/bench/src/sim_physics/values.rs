@@ -5,6 +5,10 @@ use serde_json::Value;
 /// Farthest contact from the true surface, mm.
 pub(super) const CONTACT_GOAL_MM: f64 = 10.0;
 
+/// Share of the places of feet at which a shape may hold a foot that the truth does not hold.
+/// Source: reference page of the simulators, 3.9.
+pub(super) const FALSE_SUPPORT_GOAL: f64 = 0.001;
+
 /// Largest error of the height of a body at rest on a plane, mm.
 pub(super) const REST_GOAL_MM: f64 = 2.0;
 

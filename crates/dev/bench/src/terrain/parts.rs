@@ -35,13 +35,19 @@ pub(crate) struct Row {
     pub(crate) seconds: f64,
 }
 
-/// The curve of a walk.
-pub(crate) fn curve(surface: &Surface, truth: &Truth<'_>) -> Vec<Row> {
-    let usual = ConvexConfig::default();
-    let row = |ratio: &f64| {
-        let mut config = usual;
+/// The configurations of the curve, from many parts to few.
+pub(crate) fn configs() -> impl Iterator<Item = ConvexConfig> {
+    RATIOS.into_iter().map(|ratio| {
+        let mut config = ConvexConfig::default();
         config.max_uncovered_share *= ratio;
         config.max_uncovered_m2 *= ratio;
+        config
+    })
+}
+
+/// The curve of a walk.
+pub(crate) fn curve(surface: &Surface, truth: &Truth<'_>) -> Vec<Row> {
+    let row = |config: ConvexConfig| {
         let Surface {
             planes,
             edges,
@@ -62,7 +68,7 @@ pub(crate) fn curve(surface: &Surface, truth: &Truth<'_>) -> Vec<Row> {
             seconds: took.wall_s,
         }
     };
-    RATIOS.iter().map(row).collect()
+    configs().map(row).collect()
 }
 
 /// Upper faces of parts by their place, and height layers.

@@ -27,6 +27,8 @@ CONTROL_S = 0.02
 TIME_STEP_S = 0.0025
 KP_NM_RAD = 20.0
 KD_NM_S_RAD = 0.5
+#: Gains of a robot that stands without the gait. Source: Unitree's example `go2_stand_example`.
+STAND_GAINS = (60.0, 5.0)
 _ACTION_RAD = np.array([0.125, 0.25, 0.25] * 4)
 _ANGULAR_VELOCITY_SCALE = 0.25
 _JOINT_VELOCITY_SCALE = 0.05
@@ -210,16 +212,25 @@ class Go2Walkers:
         self._commands += np.clip(change, -MAX_COMMAND_CHANGE, MAX_COMMAND_CHANGE)
         self.scene.for_each(self._step_one)
 
+    def stand(self) -> None:
+        """One control step of 20 ms in which all robots hold their default pose, without gait."""
+        self.scene.for_each(lambda own, data: self._drive(own, data, DEFAULT_POSE_RAD, STAND_GAINS))
+
     def _step_one(self, environment: int, data: mujoco.MjData) -> None:
-        model = self.scene.model
         self._actions[environment] = self._policy.actions(self.observation(environment))
         targets = DEFAULT_POSE_RAD + _ACTION_RAD * self._actions[environment]
+        self._drive(environment, data, targets, (KP_NM_RAD, KD_NM_S_RAD))
+
+    def _drive(self, environment: int, data, targets: np.ndarray, gains: tuple[float, float]) -> None:
+        """A control step towards joint positions."""
+        kp, kd = gains
+        model = self.scene.model
         torques = self._torques[environment]
         lag = self.dynamics.torque_lag_s
         share = model.opt.timestep / (lag + model.opt.timestep)
         for _ in range(self.steps):
-            wanted = KP_NM_RAD * (targets - data.qpos[self._positions])
-            wanted -= KD_NM_S_RAD * data.qvel[self._velocities]
+            wanted = kp * (targets - data.qpos[self._positions])
+            wanted -= kd * data.qvel[self._velocities]
             torques += share * (np.clip(wanted, -self._max_torque, self._max_torque) - torques)
             data.ctrl[self._actuators] = torques
             mujoco.mj_step(model, data)
