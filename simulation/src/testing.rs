@@ -4,6 +4,7 @@
 //! From them come the walkable levels, a recorded walk and Gaussians that cover all surfaces. A
 //! scene is made in memory, in a second at most.
 
+mod bundle;
 pub(crate) mod levels;
 mod surfaces;
 mod walk;
