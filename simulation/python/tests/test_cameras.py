@@ -73,13 +73,13 @@ class Lenses(unittest.TestCase):
                 xd, yd = distorted(x, y, lens)
                 at = focal * xd + 159.5, focal * yd + 119.5
                 rectified = sampled(wide["rgb"][0], *at)
-                self.assertGreater(psnr_db(rectified, plain["rgb"][0]), 38.0)
+                self.assertGreater(psnr_db(rectified, plain["rgb"][0]), 48.0)
                 depth = sampled(wide["depth"][0][..., None], *at)[..., 0]
                 errors = np.abs(depth - plain["depth"][0])
-                self.assertLess(np.median(errors), 0.005)
+                self.assertLess(np.median(errors), 0.001)
                 # The test can fail: without the model the images differ.
                 straight = sampled(wide["rgb"][0], u + 80.0, v + 60.0)
-                self.assertLess(psnr_db(straight, plain["rgb"][0]), 33.0)
+                self.assertLess(psnr_db(straight, plain["rgb"][0]), 38.0)
 
     def test_a_recorded_camera_has_its_lens_and_size(self):
         (recorded,) = ROOM.cameras(0)
@@ -211,7 +211,7 @@ class Shutter(unittest.TestCase):
         # Three images are rounded to 8 bits here.
         self.assertLessEqual(np.abs(blurred - mean).max(), 2.0)
         sharp = cameras.render(pose(), 64, 48)["rgb"][0]
-        self.assertGreater(np.abs(sharp - mean).max(), 10.0)
+        self.assertGreater(np.abs(sharp - mean).max(), 5.0)
 
     def test_agents_hand_their_motion_to_the_shutter(self):
         camera = {"width": 48, "height": 36, "fov": 1.2,
@@ -240,7 +240,7 @@ class Shutter(unittest.TestCase):
             running = np.linalg.norm(speeds[-1], axis=1) > 0.5
             self.assertTrue(running.any())
             differing = np.abs(rgb.astype(int) - at_rest["rgb"]).mean(axis=(1, 2, 3))
-            self.assertGreater(differing[running].min(), 0.5)
+            self.assertGreater(differing[running].min(), 0.1)
             found = np.linalg.norm(velocity, axis=1)[running]
             np.testing.assert_allclose(found, 0.9, atol=0.02)
             np.testing.assert_allclose(rate[running, 1], -1.0, atol=0.02)

@@ -24,7 +24,7 @@ impl SyntheticScene {
     ///
     /// # Errors
     /// [`SimulationError::Scene`] for a scene of several sectors, which are recordings of their
-    /// own; [`SimulationError::Bundle`] for a folder that exists with other content or cannot be
+    /// own, and for a path where something is; [`SimulationError::Bundle`] for one that cannot be
     /// written.
     pub fn write_bundle(&self, path: &Path) -> Result<(), SimulationError> {
         let [sector] = self.scene.sectors.as_slice() else {
@@ -34,6 +34,13 @@ impl SyntheticScene {
                 expected: "one, of which a bundle is".to_owned(),
             });
         };
+        if path.exists() {
+            return Err(SimulationError::Scene {
+                place: path.display().to_string(),
+                found: "something that is there".to_owned(),
+                expected: "a new folder".to_owned(),
+            });
+        }
         let gaussians = gaussians(&self.scene, sector)?;
         write(path, sector, gaussians).map_err(|source| SimulationError::Bundle {
             path: path.to_owned(),
