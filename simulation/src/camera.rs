@@ -12,6 +12,7 @@ mod frames;
 mod latency;
 mod noise;
 mod queue;
+mod recorded;
 mod sensor;
 mod variation;
 
@@ -111,8 +112,8 @@ impl CameraConfig {
         Self::new(pinhole(size, horizontal_rad)?)
     }
 
-    /// A camera of the rig that recorded, with images of another size: its lens, its mount and its
-    /// rolling shutter, with the readout time of the whole image kept.
+    /// A camera of the rig that recorded, with images of another size: its lens, its mount in the
+    /// rig and its rolling shutter, with the readout time of the whole image kept.
     ///
     /// # Errors
     /// [`SimulationError::Setting`] for an empty image.

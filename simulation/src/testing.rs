@@ -5,6 +5,7 @@
 //! scene is made in memory, in a second at most.
 
 pub mod beogym;
+mod bundle;
 pub(crate) mod levels;
 mod surfaces;
 mod walk;

@@ -12,6 +12,7 @@ pub(crate) mod environment;
 pub(crate) mod episode;
 pub(crate) mod frames;
 pub(crate) mod observation;
+mod place;
 pub(crate) mod pursuit;
 pub(crate) mod report;
 pub(crate) mod result;
@@ -213,55 +214,6 @@ impl World {
         }
     }
 
-    /// Puts the agent of an environment somewhere, as physics outside of this world does. A state
-    /// that is not finite is not taken over: the next step ends the episode with
-    /// [`EndReason::PhysicsFault`](crate::EndReason::PhysicsFault).
-    ///
-    /// # Errors
-    /// [`SimulationError::Setting`] for an environment, sector or level that does not exist and
-    /// for a sector of another recording, [`SimulationError::State`] where no episode is running.
-    pub fn place(
-        &mut self,
-        environment: usize,
-        sector: usize,
-        state: &AgentState,
-    ) -> Result<(), SimulationError> {
-        self.check_index(environment)?;
-        let terrains = &self.shared.terrains;
-        let frame = terrains[self.environments.sector[environment] as usize].frame;
-        let terrain = terrains
-            .get(sector)
-            .filter(|terrain| terrain.frame == frame);
-        let levels = terrain.map_or(0, |terrain| terrain.ground.levels().len());
-        if state.level >= levels {
-            return Err(SimulationError::Setting {
-                name: "place".to_owned(),
-                found: format!("level {} of sector {sector}", state.level),
-                expected: "a level of a sector of the same recording".to_owned(),
-            });
-        }
-        if !self.environments.is_running(environment) {
-            return Err(SimulationError::State(format!(
-                "environment {environment} has no running episode to place an agent in"
-            )));
-        }
-        if !state.is_finite() {
-            self.environments.episode[environment].is_faulty = true;
-            return Ok(());
-        }
-        self.environments.state[environment] = *state;
-        self.environments.sector[environment] = sector as u32;
-        let shared = &self.shared;
-        let mut rows = rows(
-            shared,
-            &mut self.environments,
-            &mut self.result,
-            &mut self.observations,
-        );
-        report::report(shared, &mut rows.row(environment));
-        Ok(())
-    }
-
     /// Configuration.
     pub fn config(&self) -> &WorldConfig {
         &self.shared.config
@@ -331,7 +283,8 @@ impl World {
     }
 
     /// The frame that the agent of an environment sees: with a [`WorldConfig::timing`] the newest
-    /// that was delivered, of age [`StepResult::frame_age_s`], otherwise that of now.
+    /// that was delivered, of age [`StepResult::frame_age_s`], otherwise that of now, with the
+    /// motion of the agent in its last step.
     ///
     /// # Panics
     /// Without such an environment.
@@ -340,8 +293,16 @@ impl World {
             return queue.request(0);
         }
         let (sector, world_from_camera) = self.world_from_camera(environment);
-        let episode = &self.environments.episode[environment];
+        let kept = &self.environments;
+        let episode = &kept.episode[environment];
+        let [velocity_m_s, rate_rad_s] = frames::motion(
+            &kept.state[environment],
+            &kept.body_from_camera[environment],
+            self.shared.config.drive,
+        );
         FrameRequest {
+            velocity_m_s,
+            rate_rad_s,
             noise: NoiseKey {
                 seed: episode.seed,
                 episode: episode.number,

@@ -59,10 +59,18 @@ impl PyCameras {
     }
 
     /// Renders images at poses `world_from_camera` (optical frames) in sectors. `lens` is width,
-    /// height, fx, fy, cx, cy; `options` are JSON with `quality`, `depth`, `far_m`, `max_bytes` and
-    /// `noise`. `keys` are seed, episode and frame number of each image's noise.
+    /// height, fx, fy, cx, cy; `options` are JSON with `distortion`, `exposure`, `noise`,
+    /// `shutter`, `quality`, `depth`, `far_m` and `max_bytes`. `keys` are seed, episode and frame
+    /// number of each image's noise. `conditions`, shape (N, 11), are velocity, m/s, and angular
+    /// rate, rad/s, of the camera in its own axes, gain of linear light, and deviations of fx, fy,
+    /// cx, cy, px; without them cameras are at rest.
     ///
     /// Returns `rgb` (N, height, width, 3), `depth` (N, height, width), m, and `has_depth`.
+    #[pyo3(signature = (poses, sectors, lens, options, keys, conditions=None))]
+    #[expect(
+        clippy::too_many_arguments,
+        reason = "a batch is its columns in Python"
+    )]
     fn render<'py>(
         &self,
         py: Python<'py>,
@@ -71,10 +79,14 @@ impl PyCameras {
         lens: (u32, u32, f64, f64, f64, f64),
         options: &str,
         keys: PyReadonlyArray2<'py, u64>,
+        conditions: Option<PyReadonlyArray2<'py, f64>>,
     ) -> PyResult<Bound<'py, PyDict>> {
         self.owner.check("the cameras")?;
         let camera = self.camera(lens, options)?;
-        let requests = requests(&poses, &sectors, &keys)?;
+        let mut requests = requests(&poses, &sectors, &keys)?;
+        if let Some(conditions) = conditions {
+            set_conditions(&mut requests, &conditions)?;
+        }
         check_bytes(&camera, requests.len())?;
         let rendered = pool::run_long(py, move |is_cancelled| {
             let (mut frames, mut chunk) = (Frames::default(), Frames::default());
@@ -160,14 +172,18 @@ fn config(
         match name.as_str() {
             "quality" => config.quality = settings::value(&place, value)?,
             "depth" => config.depth = settings::value(&place, value)?,
+            "distortion" => config.model.distortion = settings::value(&place, value)?,
+            "exposure" => config.exposure = settings::fields(&place, value)?,
             "noise" => config.noise = settings::fields(&place, value)?,
             "variation" => config.variation = settings::fields(&place, value)?,
+            "shutter" => config.shutter = settings::fields(&place, value)?,
             "far_m" => config.far_m = settings::value(&place, value)?,
             "max_bytes" => config.max_bytes = settings::value(&place, value)?,
             _ => {
                 return Err(SettingError::new_err(format!(
-                    "{place}: found an unknown setting, expected quality, depth, noise, \
-                     variation, far_m, max_bytes, width, height, fov, K or timing"
+                    "{place}: found an unknown setting, expected width, height, fov, K, \
+                     recorded, distortion, mount, timing, exposure, noise, shutter, quality, \
+                     depth, far_m or max_bytes"
                 )));
             }
         }
@@ -224,6 +240,38 @@ fn requests(
         Ok(request)
     };
     (0..count).map(request).collect()
+}
+
+/// Motion, gain and lens of each frame.
+fn set_conditions(
+    requests: &mut [FrameRequest],
+    conditions: &PyReadonlyArray2<'_, f64>,
+) -> PyResult<()> {
+    if conditions.shape() != [requests.len(), CONDITIONS] {
+        return Err(SettingError::new_err(format!(
+            "conditions: found shape {:?}, expected ({}, {CONDITIONS})",
+            conditions.shape(),
+            requests.len()
+        )));
+    }
+    for (request, row) in requests.iter_mut().zip(conditions.as_array().rows()) {
+        request.velocity_m_s = [row[0], row[1], row[2]];
+        request.rate_rad_s = [row[3], row[4], row[5]];
+        request.gain = row[6];
+        request.intrinsics_px = [row[7], row[8], row[9], row[10]];
+    }
+    Ok(())
+}
+
+/// Numbers of a frame besides its pose and the key of its noise.
+pub(crate) const CONDITIONS: usize = 11;
+
+/// Those numbers, as [`PyCameras::render`] takes them.
+pub(crate) fn conditions(request: &FrameRequest) -> [f64; CONDITIONS] {
+    let [vx, vy, vz] = request.velocity_m_s;
+    let [rx, ry, rz] = request.rate_rad_s;
+    let [fx, fy, cx, cy] = request.intrinsics_px;
+    [vx, vy, vz, rx, ry, rz, request.gain, fx, fy, cx, cy]
 }
 
 fn closed() -> PyErr {

@@ -1,4 +1,4 @@
-//! `paws_sim._core`: scenes, worlds and cameras of the package `simulation` for Python.
+//! `paws_sim._core`: scenes, recordings, worlds and cameras of the package `simulation` for Python.
 //!
 //! The Python package builds Gymnasium environments of them and holds all its words; this library
 //! hands arrays over. Python's global lock is released while worlds step and images are rendered.
@@ -8,6 +8,7 @@
 mod cameras;
 mod error;
 mod pool;
+mod recording;
 mod scene;
 mod settings;
 mod world;
@@ -23,6 +24,8 @@ mod _core {
 
     #[pymodule_export]
     use super::cameras::PyCameras;
+    #[pymodule_export]
+    use super::recording::PyRecording;
     #[pymodule_export]
     use super::scene::PyScene;
     #[pymodule_export]
@@ -45,6 +48,18 @@ mod _core {
     #[pyfunction]
     fn check_camera(lens: (u32, u32, f64, f64, f64, f64), options: &str) -> PyResult<()> {
         cameras::check(lens, options)
+    }
+
+    /// A pose, a homogeneous matrix, as JSON in a world's configuration.
+    #[pyfunction]
+    fn pose(matrix: [[f64; 4]; 4]) -> PyResult<String> {
+        settings::pose(&matrix)
+    }
+
+    /// Writes a synthetic scene of one sector as a scene bundle, which must not exist.
+    #[pyfunction]
+    fn write_synthetic(py: Python<'_>, name: String, path: PathBuf) -> PyResult<()> {
+        scene::write_synthetic(py, name, path)
     }
 
     /// The whole timing of a camera as JSON: of its settings, or of a preset by its name, as JSON.

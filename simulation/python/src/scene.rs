@@ -8,10 +8,11 @@ use numpy::{PyArray1, PyArray3, PyArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use simulation::testing::SyntheticScene;
-use simulation::{BeogymConfig, SceneData, SimulationError};
+use simulation::{BeogymConfig, SceneData, Sector, SimulationError};
 
 use crate::error::{SettingError, exception};
 use crate::pool;
+use crate::recording::PyRecording;
 
 /// Writes a folder of Beogym as a new folder of scene bundles.
 pub(crate) fn import_beogym(
@@ -33,6 +34,23 @@ pub(crate) struct PyScene {
     source: String,
 }
 
+impl PyScene {
+    fn new(data: Arc<SceneData>, source: String) -> Self {
+        Self { data, source }
+    }
+
+    /// # Errors
+    /// [`SettingError`] for an index beyond the last.
+    pub(crate) fn sector(&self, sector: usize) -> PyResult<&Sector> {
+        self.data.sectors.get(sector).ok_or_else(|| {
+            SettingError::new_err(format!(
+                "sector: found {sector}, expected below {}",
+                self.data.sectors.len()
+            ))
+        })
+    }
+}
+
 #[pymethods]
 impl PyScene {
     /// Opens a scene bundle; the hash of every file is checked.
@@ -42,36 +60,16 @@ impl PyScene {
         let source = path.display().to_string();
         let opened = pool::run_apart(py, move |_| SceneData::open(&path))?;
         let data = opened.map_err(|error| exception(&error))?;
-        Ok(Self {
-            data: Arc::new(data),
-            source,
-        })
+        Ok(Self::new(Arc::new(data), source))
     }
 
     /// A synthetic scene with exact truth: `tilted-plane`, `stairs`, `kerb`, `wall`, `room`,
     /// `bridge` or `corridor-loop`.
     #[staticmethod]
     fn synthetic(py: Python<'_>, name: String) -> PyResult<Self> {
-        let make: fn() -> Result<SyntheticScene, SimulationError> = match name.as_str() {
-            "tilted-plane" => || SyntheticScene::tilted_plane([0.1, 0.05]),
-            "stairs" => SyntheticScene::stairs,
-            "kerb" => || SyntheticScene::kerb(0.12),
-            "wall" => SyntheticScene::wall,
-            "room" => SyntheticScene::room,
-            "bridge" => SyntheticScene::bridge,
-            "corridor-loop" => SyntheticScene::corridor_loop,
-            _ => {
-                return Err(SettingError::new_err(format!(
-                    "synthetic scene: found {name:?}, expected tilted-plane, stairs, kerb, wall, \
-                     room, bridge or corridor-loop"
-                )));
-            }
-        };
+        let make = synthetic(&name)?;
         let made = pool::run_apart(py, move |_| make())?.map_err(|error| exception(&error))?;
-        Ok(Self {
-            data: made.scene,
-            source: format!("synthetic:{name}"),
-        })
+        Ok(Self::new(made.scene, format!("synthetic:{name}")))
     }
 
     /// Its name.
@@ -124,24 +122,13 @@ impl PyScene {
         py: Python<'py>,
         sector: usize,
     ) -> PyResult<Bound<'py, PyArray3<f64>>> {
-        let sector = self.data.sectors.get(sector).ok_or_else(|| {
-            SettingError::new_err(format!(
-                "sector: found {sector}, expected below {}",
-                self.data.sectors.len()
-            ))
-        })?;
-        matrices(py, sector.references.iter())
+        matrices(py, self.sector(sector)?.references.iter())
     }
 
     /// Cameras that recorded a sector: name, image size, intrinsics fx, fy, cx, cy.
     fn cameras<'py>(&self, py: Python<'py>, sector: usize) -> PyResult<Vec<Bound<'py, PyDict>>> {
-        let sector = self.data.sectors.get(sector).ok_or_else(|| {
-            SettingError::new_err(format!(
-                "sector: found {sector}, expected below {}",
-                self.data.sectors.len()
-            ))
-        })?;
-        let cameras = sector.recording.cameras.iter().map(|camera| {
+        let cameras = self.sector(sector)?.recording.cameras.iter();
+        let described = cameras.map(|camera| {
             let model = &camera.model;
             let of = PyDict::new(py);
             of.set_item("name", &camera.name)?;
@@ -149,7 +136,13 @@ impl PyScene {
             of.set_item("intrinsics", (model.fx, model.fy, model.cx, model.cy))?;
             Ok(of)
         });
-        cameras.collect()
+        described.collect()
+    }
+
+    /// What was recorded of the walk, in the frame of a sector.
+    fn recording(&self, sector: usize) -> PyResult<PyRecording> {
+        self.sector(sector)?;
+        Ok(PyRecording::new(self.data.clone(), sector))
     }
 
     /// What `paws_sim.open_scene` opens it by: an absolute path, or `synthetic:` and a name.
@@ -173,6 +166,38 @@ impl PyScene {
         let sectors = self.data.sectors.len();
         format!("Scene({:?}, {sectors} sectors)", self.data.name)
     }
+}
+
+type Make = fn() -> Result<SyntheticScene, SimulationError>;
+
+/// Makes the synthetic scene of a name.
+fn synthetic(name: &str) -> PyResult<Make> {
+    Ok(match name {
+        "tilted-plane" => || SyntheticScene::tilted_plane([0.1, 0.05]),
+        "stairs" => SyntheticScene::stairs,
+        "kerb" => || SyntheticScene::kerb(0.12),
+        "wall" => SyntheticScene::wall,
+        "room" => SyntheticScene::room,
+        "bridge" => SyntheticScene::bridge,
+        "corridor-loop" => SyntheticScene::corridor_loop,
+        _ => {
+            return Err(SettingError::new_err(format!(
+                "synthetic scene: found {name:?}, expected tilted-plane, stairs, kerb, wall, \
+                 room, bridge or corridor-loop"
+            )));
+        }
+    })
+}
+
+/// Writes a synthetic scene as a bundle.
+///
+/// # Errors
+/// [`SettingError`] for another name, `SceneError` for a scene of several sectors and a folder
+/// that cannot be written.
+pub(crate) fn write_synthetic(py: Python<'_>, name: String, path: PathBuf) -> PyResult<()> {
+    let make = synthetic(&name)?;
+    let written = pool::run_apart(py, move |_| make()?.write_bundle(&path))?;
+    written.map_err(|error| exception(&error))
 }
 
 /// Poses as homogeneous matrices.

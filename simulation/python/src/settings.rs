@@ -1,5 +1,6 @@
 //! Settings as JSON, with errors that name the setting.
 
+use cad_transforms::RigidTransform;
 use pyo3::PyResult;
 use serde::de::DeserializeOwned;
 use serde_json::{Map, Value};
@@ -32,6 +33,17 @@ pub(crate) fn fields<T: DeserializeOwned>(place: &str, settings: Value) -> PyRes
         value::<T>(&format!("{place}.{name}"), Value::Object(alone))?;
     }
     value(place, settings)
+}
+
+/// A pose of a homogeneous matrix as JSON.
+///
+/// # Errors
+/// [`SettingError`] for what is no rotation and translation.
+pub(crate) fn pose(matrix: &[[f64; 4]; 4]) -> PyResult<String> {
+    let rows = std::array::from_fn(|k| matrix[k / 4][k % 4]);
+    let pose = RigidTransform::from_rows_4x4(rows)
+        .map_err(|error| SettingError::new_err(format!("camera.mount: {error}")))?;
+    serde_json::to_string(&pose).map_err(|error| wrong("camera.mount", &error))
 }
 
 fn wrong(place: &str, error: &serde_json::Error) -> pyo3::PyErr {

@@ -3,7 +3,9 @@
 mod arrays;
 mod autoreset;
 
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, TryLockError};
+use std::time::{Duration, Instant};
 
 use cad_transforms::RigidTransform;
 use numpy::{
@@ -15,24 +17,27 @@ use pyo3::types::{PyBytes, PyDict, PyTuple};
 use simulation::{AgentState, FrameRequest, TimingConfig, World, WorldConfig};
 
 use self::autoreset::{Autoreset, Batch};
+use crate::cameras;
 use crate::error::{ActionError, SettingError, StateError, exception};
 use crate::pool::{self, Owner};
 use crate::scene::{PyScene, matrices};
 use crate::settings;
 
-/// Environments above which a step takes so long that a signal must end the wait for it: 50 ms
-/// of one core.
-const LONG_STEP: usize = 8192;
+/// Duration of a step from which a signal ends the wait for the next one. Below it the thread that
+/// this needs would be the slower way.
+const LONG_STEP: Duration = Duration::from_millis(20);
 
 /// Least and greatest values.
 type Bounds<'py> = (Bound<'py, PyArray1<f32>>, Bound<'py, PyArray1<f32>>);
 /// Poses as matrices, and their sectors.
 type Poses<'py> = (Bound<'py, PyArray3<f64>>, Bound<'py, PyArray1<i64>>);
-/// The same with seed, episode and number of each frame.
+/// The same with seed, episode and number of each frame, and what `Cameras.render` has as its
+/// conditions.
 type PyFrames<'py> = (
     Bound<'py, PyArray3<f64>>,
     Bound<'py, PyArray1<i64>>,
     Bound<'py, PyArray2<u64>>,
+    Bound<'py, PyArray2<f64>>,
 );
 
 /// Environments with an agent each on one scene.
@@ -45,6 +50,8 @@ pub(crate) struct PyWorld {
     environments: usize,
     action_size: usize,
     config: String,
+    /// Whether the last step was long; before the first it is not known, and taken as long.
+    is_long: AtomicBool,
 }
 
 #[pymethods]
@@ -71,6 +78,7 @@ impl PyWorld {
             environments,
             action_size,
             config: whole,
+            is_long: AtomicBool::new(true),
         })
     }
 
@@ -149,8 +157,13 @@ impl PyWorld {
             )));
         }
         let actions: Vec<f64> = actions.as_array().iter().copied().collect();
-        let is_long = self.environments > LONG_STEP;
-        self.work(py, is_long, move |batch| batch.step(&actions, autoreset))?;
+        let is_long = self.is_long.load(Ordering::Relaxed);
+        let took = self.work(py, is_long, move |batch| {
+            let begin = Instant::now();
+            batch.step(&actions, autoreset)?;
+            Ok(begin.elapsed())
+        })?;
+        self.is_long.store(took > LONG_STEP, Ordering::Relaxed);
         let batch = self.lock(py)?;
         let batch = open(&batch)?;
         let done = &batch.step;
@@ -222,7 +235,8 @@ impl PyWorld {
     }
 
     /// The frames that all environments see, which may be late: poses `world_from_camera`, their
-    /// sectors, and seed, episode and number of each frame, shape (environments, 3).
+    /// sectors, seed, episode and number of each frame, shape (environments, 3), and their
+    /// conditions as `Cameras.render` takes them, shape (environments, 11).
     fn frames<'py>(&self, py: Python<'py>) -> PyResult<PyFrames<'py>> {
         let frames: Vec<_> = self.read(py, |batch| {
             (0..self.environments)
@@ -276,6 +290,15 @@ impl PyWorld {
         };
         self.work(py, false, move |batch| {
             batch.world.place(environment, sector, &state)
+        })
+    }
+
+    /// Puts an agent where the recorded wearer was at a time of the recording, ns; `False` where it
+    /// has no pose above known ground, and nothing changed.
+    fn play(&self, py: Python<'_>, environment: usize, time_ns: i64) -> PyResult<bool> {
+        self.owner.check("the world")?;
+        self.work(py, false, move |batch| {
+            batch.world.play(environment, time_ns)
         })
     }
 
@@ -404,7 +427,9 @@ fn frames_as_arrays<'py>(py: Python<'py>, frames: &[FrameRequest]) -> PyResult<P
         [noise.seed, noise.episode, noise.frame]
     });
     let keys = PyArray1::from_vec(py, keys.collect()).reshape([frames.len(), 3])?;
-    Ok((poses, PyArray1::from_vec(py, sectors), keys))
+    let values = frames.iter().flat_map(cameras::conditions).collect();
+    let values = PyArray1::from_vec(py, values).reshape([frames.len(), cameras::CONDITIONS])?;
+    Ok((poses, PyArray1::from_vec(py, sectors), keys, values))
 }
 
 fn locked(batch: &Mutex<Option<Batch>>) -> MutexGuard<'_, Option<Batch>> {

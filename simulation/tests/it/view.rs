@@ -62,6 +62,12 @@ fn the_page_shows_an_agent_and_drives_it() {
         browser.value(&format!("getComputedStyle({start}).display")),
         json!("inline")
     );
+    // The recorded walk is played back.
+    browser.value("document.getElementById('wearer').click(); 0");
+    browser.until("document.getElementById('note').textContent.startsWith('the wearer at ')");
+    browser.value("dispatchEvent(new KeyboardEvent('keydown', { key: 'w' })); 0");
+    browser.until("document.getElementById('note').textContent.includes('m walked')");
+    browser.value("dispatchEvent(new KeyboardEvent('keyup', { key: 'w' })); 0");
     // The film so far is a page of its own.
     let link = "document.querySelector('a[download]').href";
     let film = browser.value(link);

@@ -2,7 +2,10 @@
 //!
 //! maturin compiles the library into the workspace's target folder and packs it. One wheel fits
 //! every Python from 3.10 on. Tests are installed from a wheel too, of the profile that the other
-//! tests have, into an environment with gymnasium and numpy only.
+//! tests have, into an environment with gymnasium and numpy only; those of MuJoCo run from the
+//! sources, with the readers' environment. How a user installs it is checked by [`fresh`].
+
+mod fresh;
 
 use std::path::{Path, PathBuf};
 
@@ -10,7 +13,7 @@ use anyhow::{Context, Result, ensure};
 
 use crate::process::{self, command, root, target_folder};
 use crate::setup::{self, Purpose};
-use crate::test::python::{SIMULATION, WHEEL};
+use crate::test::python::{READERS, SIMULATION, WHEEL};
 
 const PACKAGE: &str = "simulation/python";
 
@@ -24,6 +27,7 @@ pub(crate) fn run(install: bool, out: Option<PathBuf>) -> Result<()> {
         None => target_folder()?.join("wheels"),
     };
     let wheel = build("release", &WHEEL.interpreter()?, &out)?;
+    println!("{}", fresh::check(&wheel)?);
     println!("\n{}", wheel.display());
     println!(
         "\nInstall it into an environment of Python 3.10 or later, and step the demo's scene:\n"
@@ -53,7 +57,26 @@ pub(crate) fn test([maturin, python]: &[PathBuf; 2]) -> Result<String> {
     tests.args(["-I", "-m", "unittest", "discover", "--start-directory"]);
     tests.arg(root()?.join(PACKAGE).join("tests"));
     process::run(&mut tests)?;
-    Ok("paws_sim with gymnasium and numpy".to_owned())
+    let physics = match READERS.interpreter() {
+        Ok(readers) => {
+            test_physics(&readers)?;
+            "its physics with MuJoCo"
+        }
+        Err(_) => "its physics left out, without MuJoCo",
+    };
+    let fresh = fresh::check(&wheel)?;
+    Ok(format!(
+        "paws_sim with gymnasium and numpy; {physics}; {fresh}"
+    ))
+}
+
+/// Tests the physics from the sources: an environment with MuJoCo has no gymnasium.
+fn test_physics(readers: &Path) -> Result<()> {
+    let mut tests = command(readers)?;
+    tests.args(["-I", "-B"]);
+    tests.arg(root()?.join(PACKAGE).join("tests/test_physics.py"));
+    tests.env("PAWS_MUJOCO_REQUIRED", "1");
+    process::run(&mut tests)
 }
 
 /// Installs a wheel, and nothing that it depends on, in place of one before.

@@ -25,6 +25,7 @@ from ._core import (
     StateError,
     __version__,
     set_threads,
+    write_synthetic,
 )
 from .cameras import Cameras
 from .end_reason import EndReason
@@ -56,6 +57,7 @@ __all__ = [
     "make_vec",
     "open_scene",
     "set_threads",
+    "write_synthetic",
 ]
 
 register()

@@ -24,6 +24,12 @@ def set_threads(threads: int) -> None:
 def check_camera(lens: tuple[int, int, float, float, float, float], options: str) -> None:
     """Refuses a camera that no image could be rendered with."""
 
+def pose(matrix: list[list[float]]) -> str:
+    """A pose, a homogeneous matrix, as JSON in a world's configuration."""
+
+def write_synthetic(name: str, path: str) -> None:
+    """Writes a synthetic scene of one sector as a scene bundle, which must not exist."""
+
 def timing(settings: str) -> str:
     """The whole timing of a camera as JSON, of settings or the name of a preset."""
 
@@ -50,10 +56,34 @@ class Scene:
     def gaussians(self) -> list[int]: ...
     def reference_poses(self, sector: int) -> NDArray[np.float64]: ...
     def cameras(self, sector: int) -> list[dict[str, Any]]: ...
+    def recording(self, sector: int) -> Recording: ...
 
 _Numbers = dict[str, NDArray[Any]]
-# Poses, sectors, and seed, episode and number of each frame.
-_Frames = tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.uint64]]
+# Poses, sectors, seed, episode and number of each frame, and their conditions.
+_Frames = tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.uint64], NDArray[np.float64]]
+
+@final
+class Recording:
+    """What was recorded of the walk, in the frame of a sector."""
+
+    def lens(
+        self, name: str, width: int | None = None, height: int | None = None
+    ) -> dict[str, Any]:
+        """`size`, `intrinsics`, `distortion` as JSON and `line_s` of a camera; a missing edge keeps
+        the shape."""
+
+    def mount(self, name: str) -> list[list[float]]:
+        """Rows of `body_from_camera` of a camera on an agent, where the wearer had it."""
+
+    def contacts(self) -> _Numbers:
+        """`foot` (0 left, 1 right), `time_ns` (N, 4), `world_from_foot` (N, 4, 4)."""
+
+    @property
+    def range_ns(self) -> tuple[int, int] | None:
+        """Times of the first and the last pose of the wearer."""
+
+    def wearer(self, time_ns: int) -> dict[str, Any] | None:
+        """`world_from_rig`, `velocity` and `contacts` of both feet at a time."""
 
 @final
 class World:
@@ -97,6 +127,7 @@ class World:
         velocity: list[float],
         level: int = 0,
     ) -> None: ...
+    def play(self, environment: int, time_ns: int) -> bool: ...
     def save(self, environment: int, attachment: bytes) -> bytes: ...
     def restore(self, environment: int, snapshot: bytes) -> bytes: ...
     def close(self) -> None: ...
@@ -111,6 +142,7 @@ class Cameras:
         lens: tuple[int, int, float, float, float, float],
         options: str,
         keys: NDArray[np.uint64],
+        conditions: NDArray[np.float64] | None = None,
     ) -> _Numbers: ...
     def resident(self) -> list[int]: ...
     def close(self) -> None: ...

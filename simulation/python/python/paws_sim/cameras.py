@@ -13,6 +13,9 @@ from . import _core
 
 _BUDGET_BYTES = 2 << 30
 
+#: Width, height, fx, fy, cx, cy.
+Lens = tuple[int, int, float, float, float, float]
+
 
 class Cameras:
     """Cameras anywhere in a scene.
@@ -36,23 +39,32 @@ class Cameras:
     def render(
         self,
         world_from_camera,
-        width: int = 64,
-        height: int = 64,
+        width: int | None = None,
+        height: int | None = None,
         *,
-        fov: float | None = None,
-        K=None,
         sectors=None,
         keys=None,
-        **options: Any,
+        velocity=None,
+        rate=None,
+        gain=None,
+        **camera: Any,
     ) -> dict[str, np.ndarray]:
         """Images at poses of optical frames, shape (N, 4, 4) or (4, 4).
 
-        `fov` is the field of view from left to right, rad (90 degrees without it and K), `K` the
-        3x3 matrix of intrinsics with pixel centers at integers, or one for each pose (N, 3, 3).
+        Lens: `fov`, the field of view from left to right, rad (90 degrees without any); or `K`, the
+        3x3 matrix of intrinsics with pixel centers at integers, or one for each pose (N, 3, 3); or
+        `recorded`, the name of a camera that recorded the scene. `distortion` goes with each of
+        them, such as `{"model": "kannala_brandt4", "k1": 0.02, "k2": 0.0, "k3": 0.0, "k4": 0.0}`.
+        Images are 64x64 without a size, those of a recorded camera as large as it recorded.
+
         `sectors` are indices of the sectors in whose frames the poses are (0 without). `keys`
-        (N, 3) are seed, episode and frame number of the noise of each image. Options: `quality`
-        ("exact", "detail"), `depth` ("median", "expected"), `far_m`, `noise` (settings),
-        `max_bytes`.
+        (N, 3) are seed, episode and frame number of the noise of each image. `velocity` and `rate`
+        (N, 3) are the motion of each camera in its own axes, m/s and rad/s, for `shutter`; `gain`
+        (N,) is one of linear light for each image.
+
+        Other settings: `exposure` (`gain`, `white_balance`, `gamma`), `noise` (`full_well_e`,
+        `readout_e`), `shutter` (`line_s`, `exposure_s`, `blur_poses`), `quality` ("exact",
+        "detail"), `depth` ("median", "expected"), `far_m`, `max_bytes`.
 
         Returns `rgb` u8 (N, height, width, 3), `depth` f32 (N, height, width) along the optical
         axis, m, `far_m` where no surface is, and `has_depth`.
@@ -67,36 +79,39 @@ class Cameras:
         n = len(poses)
         sectors = np.zeros(n, np.int64) if sectors is None else np.asarray(sectors, np.int64)
         keys = np.zeros((n, 3), np.uint64) if keys is None else np.asarray(keys, np.uint64)
-        text = _text(options)
-        if K is not None and np.ndim(K) == 3:
-            return self._render_lenses(poses, sectors, (width, height, fov, K), text, keys)
-        lens = (int(width), int(height), *intrinsics(width, height, fov, K))
-        return self._core.render(poses, sectors, lens, text, np.ascontiguousarray(keys))
-
-    def _render_lenses(self, poses, sectors, lens, text: str, keys) -> dict[str, np.ndarray]:
-        """Images with a lens each: those of equal ones in one batch."""
-        width, height, fov, K = lens
+        conditions = _conditions(n, velocity, rate, gain)
+        K = camera.get("K")
+        if K is None or np.ndim(K) != 3:
+            lens, options = resolved(self.scene, {"width": width, "height": height, **camera})
+            return self.render_lens(poses, sectors, keys, conditions, lens, options)
         K = np.asarray(K, np.float64)
-        if K.shape != (len(poses), 3, 3):
+        if K.shape != (n, 3, 3):
             raise _core.SettingError(
-                f"camera.K: found shape {K.shape}, expected (3, 3) or ({len(poses)}, 3, 3)"
+                f"camera.K: found shape {K.shape}, expected (3, 3) or ({n}, 3, 3)"
             )
+        # A lens each: those of equal ones in one batch.
         matrices, which = np.unique(K, axis=0, return_inverse=True)
         images: dict[str, np.ndarray] = {}
         for number, matrix in enumerate(matrices):
             own = np.flatnonzero(which.ravel() == number)
-            of_lens = (int(width), int(height), *intrinsics(width, height, fov, matrix))
-            found = self._core.render(
-                np.ascontiguousarray(poses[own]),
-                sectors[own],
-                of_lens,
-                text,
-                np.ascontiguousarray(keys[own]),
-            )
+            whole = {"width": width, "height": height, **camera, "K": matrix}
+            lens, options = resolved(self.scene, whole)
+            of_own = None if conditions is None else conditions[own]
+            found = self.render_lens(poses[own], sectors[own], keys[own], of_own, lens, options)
             for name, array in found.items():
-                whole = np.empty((len(poses), *array.shape[1:]), array.dtype)
+                whole = np.empty((n, *array.shape[1:]), array.dtype)
                 images.setdefault(name, whole)[own] = array
         return images
+
+    def render_lens(
+        self, poses, sectors, keys, conditions, lens: Lens, options: str
+    ) -> dict[str, np.ndarray]:
+        """Images of a lens and options that `resolved` gave; `conditions` (N, 11) as the frames of
+        a world have them, or None."""
+        if conditions is not None:
+            conditions = np.ascontiguousarray(conditions)
+        arrays = np.ascontiguousarray(poses), sectors
+        return self._core.render(*arrays, lens, options, np.ascontiguousarray(keys), conditions)
 
     def close(self) -> None:
         """Gives memory back; may be called twice."""
@@ -110,20 +125,65 @@ def _cameras(scene, budget_bytes: int) -> Cameras:
     return Cameras(scene, budget_bytes=budget_bytes)
 
 
-def check_camera(camera: Mapping[str, Any]) -> None:
-    """Refuses settings of a camera, as `Cameras.render` has them, that no image could be rendered
-    with; the error names the setting. Loads nothing and starts no threads."""
+def resolved(scene: _core.Scene, camera: Mapping[str, Any]) -> tuple[Lens, str]:
+    """Lens of a camera's settings, and all others as JSON. Loads nothing and starts no threads; an
+    error names the setting."""
     options = dict(camera)
-    size = [options.pop(edge, 64) for edge in ("width", "height")]
+    recorded, fov, K = (options.pop(name, None) for name in ("recorded", "fov", "K"))
+    size = [options.pop(edge, None) for edge in ("width", "height")]
     for edge, value in zip(("width", "height"), size):
         is_count = isinstance(value, Integral) and not isinstance(value, bool)
-        if not is_count or not 0 < value < 2**32:
+        if value is not None and (not is_count or not 0 < value < 2**32):
             raise _core.SettingError(
                 f"camera.{edge}: found {value!r}, expected a whole number of pixels"
             )
-    width, height = map(int, size)
-    lens = intrinsics(width, height, options.pop("fov", None), options.pop("K", None))
-    _core.check_camera((width, height, *lens), _text(options))
+    if recorded is None:
+        width, height = (64 if edge is None else int(edge) for edge in size)
+        return (width, height, *intrinsics(width, height, fov, K)), _text(options)
+    if fov is not None or K is not None:
+        raise _core.SettingError("camera.recorded: found fov or K beside it, expected none")
+    if not isinstance(recorded, str):
+        raise _core.SettingError(f"camera.recorded: found {recorded!r}, expected a name")
+    lens = scene.recording(0).lens(recorded, *size)
+    options.setdefault("distortion", json.loads(lens["distortion"]))
+    shutter = options.get("shutter", {})
+    if isinstance(shutter, Mapping):
+        options["shutter"] = {"line_s": lens["line_s"], **shutter}
+    return (*lens["size"], *lens["intrinsics"]), _text(options)
+
+
+def mount(scene: _core.Scene, camera: Mapping[str, Any]) -> dict[str, Any] | None:
+    """`body_from_camera` of a camera's settings for the configuration of a world: `mount`, or where
+    the wearer had the camera `recorded`. None for neither: at the height of the eyes, level."""
+    matrix = camera.get("mount")
+    if matrix is None:
+        if not isinstance(camera.get("recorded"), str):
+            return None
+        matrix = scene.recording(0).mount(camera["recorded"])
+    try:
+        rows = np.asarray(matrix, np.float64)
+    except (TypeError, ValueError) as error:
+        raise _core.SettingError(f"camera.mount: {error}") from error
+    if rows.shape != (4, 4):
+        raise _core.SettingError(f"camera.mount: found shape {rows.shape}, expected (4, 4)")
+    return json.loads(_core.pose(rows.tolist()))
+
+
+def _conditions(n: int, velocity, rate, gain) -> np.ndarray | None:
+    """What the core renders frames with besides poses; None for cameras at rest."""
+    if velocity is None and rate is None and gain is None:
+        return None
+    conditions = np.zeros((n, 11))
+    conditions[:, 6] = 1.0
+    columns = {"velocity": slice(0, 3), "rate": slice(3, 6), "gain": 6}
+    for (name, of), values in zip(columns.items(), (velocity, rate, gain)):
+        if values is None:
+            continue
+        try:
+            conditions[:, of] = values
+        except (TypeError, ValueError) as error:
+            raise _core.SettingError(f"{name}: {error}") from error
+    return conditions
 
 
 def timing(settings) -> dict[str, Any]:

@@ -13,7 +13,7 @@ import numpy as np
 from gymnasium import spaces
 
 from . import _core
-from .cameras import Cameras, check_camera, timing
+from .cameras import Cameras, mount, resolved, timing
 
 TASKS = ("point-goal", "follow-path", "velocity")
 PARTS = ("state", "rgb", "depth")
@@ -106,11 +106,20 @@ class Simulator:
         settings = merged({"task": {"task": task}}, config or {})
         settings["environments"] = environments
         settings.setdefault("seed", 0)
-        # Without a lens it has a field of view of 90 degrees.
-        self.camera = {"width": 64, "height": 64, "far_m": 20.0, **(camera or {})}
-        if "timing" in self.camera:
-            settings = merged(settings, {"timing": timing(self.camera.pop("timing"))})
-        check_camera(self.camera)
+        camera = {"far_m": 20.0, **(camera or {})}
+        if "timing" in camera:
+            settings = merged(settings, {"timing": timing(camera.pop("timing"))})
+        body_from_camera = mount(self.scene, camera)
+        if body_from_camera is not None:
+            if settings.get("body_from_camera") is not None:
+                raise _core.SettingError(
+                    "camera.mount: found body_from_camera beside it, expected one of them"
+                )
+            settings["body_from_camera"] = body_from_camera
+        self.far_m = camera["far_m"]
+        camera.pop("mount", None)
+        self.lens, self.camera_options = resolved(self.scene, camera)
+        _core.check_camera(self.lens, self.camera_options)
         if max_episode_steps is not None:
             dt_s = settings.get("dt_s", 0.1)
             limit = {"end": {"time_limit_s": max_episode_steps * dt_s}}
@@ -148,12 +157,12 @@ class Simulator:
 
     def _observation_space(self) -> spaces.Space:
         low, high = self.world.observation_bounds()
-        height, width = self.camera["height"], self.camera["width"]
+        width, height = self.lens[:2]
         of = {
             "state": lambda: spaces.Box(low, high, dtype=np.float32),
             "rgb": lambda: spaces.Box(0, 255, (height, width, 3), np.uint8),
             "depth": lambda: spaces.Box(
-                0.0, self.camera["far_m"], (height, width, 1), np.float32
+                0.0, self.far_m, (height, width, 1), np.float32
             ),
         }
         if self.parts == ("state",):
@@ -220,16 +229,24 @@ class Simulator:
             return state[mask]
         return self._observation(state[mask], *self.world.final_frames())
 
-    def _observation(self, state, poses, sectors, keys):
-        images = self.render(poses, sectors, keys, self.camera)
+    def _observation(self, state, poses, sectors, keys, conditions):
+        images = self._images().render_lens(
+            poses, sectors, keys, conditions, self.lens, self.camera_options
+        )
         whole = {"state": state, "rgb": images["rgb"], "depth": images["depth"][..., None]}
         return {part: whole[part] for part in self.parts}
 
-    def render(self, poses, sectors, keys, camera: Mapping[str, Any]) -> dict[str, np.ndarray]:
-        """Images of a camera of the settings `camera`."""
+    def film(self) -> np.ndarray:
+        """What each agent sees, shape (n, 240, 320, 3)."""
+        poses, sectors = self.world.camera_poses()
+        steps = self.world.numbers()["steps"].astype(np.uint64)
+        keys = np.column_stack([self.world.random_keys(), steps])
+        return self._images().render(poses, 320, 240, sectors=sectors, keys=keys)["rgb"]
+
+    def _images(self) -> Cameras:
         if self.images is None:
             self.images = Cameras(self.scene)
-        return self.images.render(poses, sectors=sectors, keys=keys, **camera)
+        return self.images
 
     def rewards(
         self, rewards, actions, state, numbers, terminated, truncated, reset_before

@@ -12,7 +12,6 @@ from . import _core
 from .simulator import Simulator
 
 _DISABLED = 2
-_FILM = {"width": 320, "height": 240}
 
 
 class WalkEnv(gymnasium.Env):
@@ -23,9 +22,10 @@ class WalkEnv(gymnasium.Env):
     - `observation`: `state` for a vector, or some of `state`, `rgb`, `depth` for a dictionary.
     - `actions`: `continuous`, `discrete`, or a table (m, components) of components of -1 to 1.
     - `config`: nested settings of the world, such as `{"end": {"time_limit_s": 30.0}}`.
-    - `camera`: settings of the images: `width`, `height`, `fov` or `K`, `far_m`, `quality`, ... and
-      `timing`: settings such as `{"interval_s": [0.1, 0.1], "latency_s": [0.1, 0.2]}`, or
-      `gauss_gym`. Images are late by it and have a rate of their own; `state` is not.
+    - `camera`: settings of the images: lens, exposure, noise, shutter, ... as `Cameras.render` has
+      them, and `mount`, a matrix `body_from_camera`. `recorded` names a camera of the rig and takes
+      its mount along. `timing`, settings such as `{"interval_s": [0.1, 0.1], "latency_s": [0.1,
+      0.2]}` or `gauss_gym`, makes images late and gives them a rate; `state` is not late.
     - `reward`: a callable of `Inputs` that returns one number per environment.
 
     `info` holds numbers with the same keys and types in every step: `end_reason` (`EndReason`),
@@ -135,10 +135,16 @@ class WalkEnv(gymnasium.Env):
         if self.render_mode is None:
             gymnasium.logger.warn("render() without render_mode; make the environment with one")
             return None
-        world = self._simulator.world
-        poses, sectors = world.camera_poses()
-        keys = np.column_stack([world.random_keys(), world.numbers()["steps"].astype(np.uint64)])
-        return self._simulator.render(poses, sectors, keys, _FILM)["rgb"][0]
+        return self._simulator.film()[0]
+
+    def play(self, time_ns: int) -> bool:
+        """Puts the agent where the recorded wearer was at a time of `scene.recording(0)`, ns. False
+        where there is no pose above known ground; nothing changed then. `observe` shows it."""
+        return self._simulator.world.play(0, time_ns)
+
+    def observe(self):
+        """The observation of now, after `play` or `restore`."""
+        return _first(self._simulator.observe(self._simulator.world.observations()))
 
     def save(self) -> bytes:
         """A snapshot of at most 4 KB."""

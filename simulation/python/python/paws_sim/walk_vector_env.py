@@ -12,7 +12,6 @@ from gymnasium.vector.utils import batch_space
 
 from . import _core
 from .simulator import Simulator
-from .walk_env import _FILM
 
 _CODES = {AutoresetMode.NEXT_STEP: 0, AutoresetMode.SAME_STEP: 1, AutoresetMode.DISABLED: 2}
 
@@ -217,10 +216,7 @@ class WalkVectorEnv(gymnasium.vector.VectorEnv):
         if self.render_mode is None:
             gymnasium.logger.warn("render() without render_mode; make the environment with one")
             return None
-        world = self._simulator.world
-        poses, sectors = world.camera_poses()
-        keys = np.column_stack([world.random_keys(), world.numbers()["steps"].astype(np.uint64)])
-        return tuple(self._simulator.render(poses, sectors, keys, _FILM)["rgb"])
+        return tuple(self._simulator.film())
 
     def states(self) -> dict[str, np.ndarray]:
         """Agents: `sector`, `level`, `position_m`, `angles_rad` (yaw, pitch, roll), `velocity`
@@ -230,6 +226,15 @@ class WalkVectorEnv(gymnasium.vector.VectorEnv):
     def camera_poses(self) -> tuple[np.ndarray, np.ndarray]:
         """Poses `world_from_camera` (n, 4, 4) in their sectors, and the sectors."""
         return self._simulator.world.camera_poses()
+
+    def play(self, environment: int, time_ns: int) -> bool:
+        """Puts an agent where the recorded wearer was at a time of `scene.recording(0)`, ns. False
+        where there is no pose above known ground; nothing changed then. `observe` shows it."""
+        return self._simulator.world.play(environment, time_ns)
+
+    def observe(self):
+        """Observations of now, after `play` or `restore`."""
+        return self._simulator.observe(self._simulator.world.observations())
 
     def save(self, environment: int) -> bytes:
         """A snapshot of an environment, at most 4 KB."""

@@ -92,3 +92,32 @@ fn the_wearer_walks_on_the_ground_with_a_foot_on_it() {
         "{on_ground} {in_contact}"
     );
 }
+
+#[test]
+fn the_rig_is_on_the_agent_where_the_wearer_had_it() {
+    let scene = SyntheticScene::room().expect("a scene");
+    let sector = &scene.scene.sectors[0];
+    let config = AgentConfig::default();
+    let ground = Ground::new(sector.levels.as_ref().expect("levels").to_vec(), &config);
+    let ground = ground.expect("ground");
+    let tilt = so3::from_yaw_pitch_roll(0.0, 0.12, -0.05);
+    let tilt = [tilt.w, tilt.i, tilt.j, tilt.k];
+    let tilt = RigidTransform::from_wxyz(tilt, [0.0, 0.0, -0.15]).expect("a tilt");
+    let trajectory = sector.recording.trajectory.as_ref().expect("a trajectory");
+    let tilted = trajectory.poses().iter().map(|pose| Pose {
+        world_from_rig: pose.world_from_rig * tilt,
+        ..pose.clone()
+    });
+    let tilted = Trajectory::new(tilted.collect()).expect("a trajectory");
+    let mount = Playback::new(tilted, Vec::new()).body_from_rig(&ground, &config);
+    let difference = mount.expect("ground below") * tilt.inverse();
+    // The rig of the synthetic walk is level, 1.4 m above the ground.
+    let [x, y, z] = difference.translation_m();
+    assert!(
+        x.abs() < 1e-9 && y.abs() < 1e-9 && (z - 1.4).abs() < 1e-6,
+        "{z}"
+    );
+    assert!(difference.angle_rad() < 1e-9);
+    let empty = Playback::new(Trajectory::default(), Vec::new());
+    assert_eq!(empty.body_from_rig(&ground, &config), None);
+}

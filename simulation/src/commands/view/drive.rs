@@ -39,6 +39,8 @@ impl Drive {
         if control.reset {
             self.walk.reset()?;
             self.is_start = true;
+        } else if control.wearer {
+            self.is_start = self.walk.follow_wearer()?;
         } else if !self.is_start {
             let action = match control.autopilot {
                 true => self.walk.guide(),
@@ -83,5 +85,50 @@ impl Session for Drive {
         let summary = film::summary(&self.walk, self.steps as f64 * self.walk.step_s());
         let frames = self.frames.iter().cloned().collect();
         Ok(film::page(&film::scene_film(&summary, &self.walk, frames)?))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use simulation::testing::SyntheticScene;
+
+    use super::*;
+
+    #[test]
+    fn the_agent_follows_the_recorded_wearer_and_drives_on_from_there() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("room.scene");
+        let room = SyntheticScene::room().unwrap();
+        room.write_bundle(&path).unwrap();
+        let mut drive = Drive::new(Walk::open(&path, 0).unwrap());
+        let wearer = Control {
+            wearer: true,
+            ..Control::default()
+        };
+        let trajectory = room.scene.sectors[0].recording.trajectory.as_ref();
+        let poses = trajectory.unwrap().poses();
+        // 10 Hz, as the steps; after the last pose the walk begins again.
+        for (step, pose) in poses.iter().chain(&poses[..3]).enumerate() {
+            let view = drive.step(wearer).unwrap();
+            let [x, y, _] = pose.world_from_rig.translation_m();
+            let expected = drive.walk.map.px([x, y]);
+            let off = (view.map_px[0] - expected[0]).hypot(view.map_px[1] - expected[1]);
+            assert!(off < 1e-6, "step {step}: {off} px");
+            assert_eq!(view.is_start, step % poses.len() == 0);
+            assert!(
+                view.caption.starts_with("the wearer at "),
+                "{}",
+                view.caption
+            );
+        }
+        let before = drive.walk.state().position_m;
+        let view = drive.step(Control {
+            forward: 1.0,
+            ..Control::default()
+        });
+        assert!(view.unwrap().caption.contains("m walked"));
+        let after = drive.walk.state().position_m;
+        let moved_m = (after[0] - before[0]).hypot(after[1] - before[1]);
+        assert!(moved_m > 0.0 && moved_m < 0.2, "{moved_m}");
     }
 }

@@ -35,6 +35,9 @@ pub(crate) struct Control {
     pub(crate) turn: f64,
     /// Whether the agent walks to its goal by itself.
     pub(crate) autopilot: bool,
+    /// Whether it is where the recorded wearer was.
+    #[serde(default)]
+    pub(crate) wearer: bool,
     /// Whether to begin at a new start first.
     pub(crate) reset: bool,
 }

@@ -203,3 +203,56 @@ fn mount_and_timing_are_those_of_a_camera() {
         "{height_m} {ground_m}"
     );
 }
+
+#[test]
+fn the_frame_of_a_step_has_the_motion_of_its_camera() {
+    let plane = SyntheticScene::tilted_plane([0.2, -0.1]).unwrap().scene;
+    for drive in [Drive::Differential, Drive::Holonomic, Drive::Free] {
+        let mut config = config(1, Task::Velocity);
+        config.drive = drive;
+        config.dt_s = 1e-3;
+        config.agent.max_acceleration_m_s2 = 1e6;
+        config.agent.max_yaw_acceleration_rad_s2 = 1e6;
+        let mut camera = CameraConfig::pinhole([32, 24], 1.5).unwrap();
+        let turned = RigidTransform::from_rotation_vector([0.1, 0.2, 0.3], [0.3, 0.2, 1.1]);
+        camera.body_from_camera = turned.unwrap() * RigidTransform::body_from_optical();
+        config.set_camera(&camera);
+        let mut world = World::new(plane.clone(), config).unwrap();
+        world.reset(None, None).unwrap();
+        let at_rest = world.frame_request(0);
+        assert_eq!(
+            (at_rest.velocity_m_s, at_rest.rate_rad_s),
+            ([0.0; 3], [0.0; 3])
+        );
+        let action: &[f64] = match drive {
+            Drive::Free => &[0.5, 0.3, 0.0, 0.0, 0.0, 0.4],
+            Drive::Holonomic => &[0.5, 0.3, 0.4],
+            _ => &[0.5, 0.4],
+        };
+        world.step(action).unwrap();
+        let before = world.frame_request(0);
+        world.step(action).unwrap();
+        let after = world.frame_request(0);
+        let motion = before.world_from_camera.inverse() * after.world_from_camera;
+        let speeds = motion.translation_m().map(|v| v / 1e-3);
+        let rates = motion.rotation_vector().map(|v| v / 1e-3);
+        for k in 0..3 {
+            let [velocity, rate] = [before.velocity_m_s[k], before.rate_rad_s[k]];
+            assert!(
+                (velocity - speeds[k]).abs() < 0.02,
+                "{drive:?} {k} {velocity} {speeds:?}"
+            );
+            assert!(
+                (rate - rates[k]).abs() < 0.02,
+                "{drive:?} {k} {rate} {rates:?}"
+            );
+        }
+        let speed = before
+            .velocity_m_s
+            .map(|v| v * v)
+            .iter()
+            .sum::<f64>()
+            .sqrt();
+        assert!(speed > 0.5, "{speed}");
+    }
+}
