@@ -9,10 +9,11 @@
 //! Truth is of the static scene, without noise, motion blur, flare and people, at the median
 //! exposure of the camera; depth is exact.
 
-use anyhow::Result;
+use anyhow::{Context, Result};
 use cad_transforms::RigidTransform;
 use camera_models::CameraModel;
 use camera_models::rectify::{Rectification, View};
+use harness::sequences::Truth;
 use rayon::prelude::*;
 use reconstruction::pipeline::stages::splats::RecordedDepth;
 use rig_sim::camera::Shutter;
@@ -97,6 +98,8 @@ pub(crate) struct WalkViews {
     pub(crate) prepared: WalkInputs,
     cameras: Vec<WalkCamera>,
     keyframes: Vec<WalkKeyframe>,
+    /// Poses of the rig instead of the true ones.
+    estimated: Option<Truth>,
 }
 
 struct WalkCamera {
@@ -144,7 +147,22 @@ impl WalkViews {
             cameras: cameras.collect::<Result<_>>()?,
             keyframes,
             prepared,
+            estimated: None,
         })
+    }
+
+    /// The same with estimated poses of the rig, which are in a frame of their own, and with those
+    /// keyframes alone that lie between them. What is rendered as truth is no longer of these views.
+    #[must_use]
+    pub(crate) fn with_poses(mut self, world_from_rig: Vec<(i64, RigidTransform)>) -> Self {
+        let estimated = Truth::Measured(world_from_rig);
+        let is_between = |own: &WalkKeyframe| {
+            let steps = [-STEP_NS, STEP_NS].map(|step_ns| own.recorded.id.time_ns + step_ns);
+            steps.iter().all(|time_ns| estimated.at(*time_ns).is_some())
+        };
+        self.keyframes.retain(is_between);
+        self.estimated = Some(estimated);
+        self
     }
 
     /// Number of instants of a part.
@@ -254,8 +272,13 @@ impl WalkViews {
     }
 
     fn world_from_eye(&self, camera: usize, eye: usize, time_ns: i64) -> Result<RigidTransform> {
-        let rig = self.prepared.simulation.walker().rig(seconds(time_ns));
-        let world_from_rig = transform(&rig.position, &rig.rotation)?;
+        let world_from_rig = match &self.estimated {
+            Some(poses) => poses.at(time_ns).context("a time without a pose")?,
+            None => {
+                let rig = self.prepared.simulation.walker().rig(seconds(time_ns));
+                transform(&rig.position, &rig.rotation)?
+            }
+        };
         Ok(world_from_rig * self.cameras[camera].rig_from_eye[eye])
     }
 
