@@ -25,6 +25,7 @@ use serde_json::Value;
 mod changes;
 mod charts;
 mod episode;
+mod fade_exp;
 mod memory;
 mod opened_scene;
 mod route;
@@ -45,6 +46,7 @@ const DEMO: &str = "target/demo/walk.scene";
 /// Bad arguments, a scene that cannot be opened, or an I/O error. A missed target is a result and
 /// no error.
 pub(crate) fn run(args: &[String]) -> Result<()> {
+    if std::env::var_os("FADE").is_some() { return fade_exp::run(); }
     let options = Options::parse(args)?;
     fs::create_dir_all(&options.out)
         .with_context(|| format!("making {}", options.out.display()))?;

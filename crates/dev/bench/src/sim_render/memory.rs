@@ -17,6 +17,7 @@ use simulation::{
 
 use super::changes::largest_sector;
 use super::route::{self, along_recording, around_loop};
+use crate::odometry::run::forget_peak;
 use crate::resident::Samples;
 
 const SIZE: [u32; 2] = [64, 48];
@@ -58,6 +59,8 @@ fn frames(
     let mut images = Frames::default();
     let steps = route::route(scene, poses, 0)?;
     let per_sample = steps.len() / SAMPLES;
+    // What other parts left free.
+    forget_peak()?;
     let mut samples = Samples::default();
     let (mut loaded, mut left, mut before) = (0, 0, Vec::new());
     for (number, step) in steps.iter().enumerate() {

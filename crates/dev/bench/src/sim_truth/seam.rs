@@ -35,11 +35,11 @@ pub(super) const WALK: Walk = Walk {
     kind: Kind::Plaza,
     light: Lighting::Day,
     seed: 985,
-    span_s: [0.0, 20.0],
+    span_s: [0.0, 12.0],
     size: SMALL,
 };
 /// Both sessions, as shares of the walk.
-const SESSIONS: [[f64; 2]; 2] = [[0.0, 0.65], [0.35, 1.0]];
+const SESSIONS: [[f64; 2]; 2] = [[0.0, 2.0 / 3.0], [1.0 / 3.0, 1.0]];
 /// Goals of pose, of the 95th percentile of depths, and of PSNR.
 const GOAL_M: f64 = 0.01;
 const GOAL_DEG: f64 = 0.2;
