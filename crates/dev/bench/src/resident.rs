@@ -43,7 +43,9 @@ impl Samples {
     /// Memory in all samples, MB.
     pub(crate) fn megabytes(&self) -> Vec<f64> {
         let samples = self.0.iter();
-        samples.map(|own| own.resident_bytes as f64 * 1e-6).collect()
+        samples
+            .map(|own| own.resident_bytes as f64 * 1e-6)
+            .collect()
     }
 
     /// Slope of the memory without the first tenth, bytes per unit, of which there are so many

@@ -25,7 +25,6 @@ use serde_json::Value;
 mod changes;
 mod charts;
 mod episode;
-mod fade_exp;
 mod memory;
 mod opened_scene;
 mod route;
@@ -46,7 +45,6 @@ const DEMO: &str = "target/demo/walk.scene";
 /// Bad arguments, a scene that cannot be opened, or an I/O error. A missed target is a result and
 /// no error.
 pub(crate) fn run(args: &[String]) -> Result<()> {
-    if std::env::var_os("FADE").is_some() { return fade_exp::run(); }
     let options = Options::parse(args)?;
     fs::create_dir_all(&options.out)
         .with_context(|| format!("making {}", options.out.display()))?;
@@ -112,7 +110,11 @@ impl Options {
             }
         }
         ensure!(
-            parsed.scene.exists() || parsed.parts.iter().all(|own| SYNTHETIC.contains(&own.as_str())),
+            parsed.scene.exists()
+                || parsed
+                    .parts
+                    .iter()
+                    .all(|own| SYNTHETIC.contains(&own.as_str())),
             "there is no scene {}: `cargo xtask demo` makes one, or name another with --scene",
             parsed.scene.display()
         );

@@ -59,7 +59,9 @@ fn speed_chart(part: &Value) -> Chart {
 
 fn curve_chart(part: &Value) -> Chart {
     let chart = Chart::new("Images per second against PSNR to the exact renderer")
-        .subtitle("largest merged Gaussians 0.2 to 6.4 px, default 0.4 px; at 100 dB the exact renderer")
+        .subtitle(
+            "largest merged Gaussians 0.2 to 6.4 px, default 0.4 px; at 100 dB the exact renderer",
+        )
         .x_axis(Axis::linear("median PSNR", "dB"))
         .y_axis(Axis::log("images", "1/s"))
         .vline(GOAL_DB, "goal");

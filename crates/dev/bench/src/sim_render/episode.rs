@@ -43,7 +43,11 @@ pub(super) fn measure(scene: &OpenedScene, quick: bool) -> Result<Value> {
         edges.clone().all(|edge| !edge.is_imported),
         "expected a scene bundle, whose sectors have one world; found edges between recordings"
     );
-    let (steps, rounds) = if quick { (QUICK_STEPS, 1) } else { (STEPS, ROUNDS) };
+    let (steps, rounds) = if quick {
+        (QUICK_STEPS, 1)
+    } else {
+        (STEPS, ROUNDS)
+    };
     let pool = rayon::ThreadPoolBuilder::new().num_threads(1);
     pool.build()?.install(|| {
         let of = |quality: Quality| -> Result<Value> {
@@ -147,7 +151,12 @@ fn episode(scene: &OpenedScene, quality: Quality, steps: usize) -> Result<Episod
 /// The sector that owns an agent which was in one before.
 fn owner(scene: &SceneData, sector: usize, state: &AgentState) -> usize {
     let sector_from_body = state.world_from_body();
-    scene.cross(&Place { sector, sector_from_body }).sector
+    scene
+        .cross(&Place {
+            sector,
+            sector_from_body,
+        })
+        .sector
 }
 
 /// Medians and ranges over the rounds, and quantiles over the steps of all of them.
@@ -164,7 +173,9 @@ fn summary(rounds: &[Episode]) -> Value {
     };
     let ms = |of: fn(&Timing) -> f64| {
         let times = |at_change: bool| {
-            let steps = rounds.iter().flat_map(|own| own.steps.iter().zip(&own.is_change));
+            let steps = rounds
+                .iter()
+                .flat_map(|own| own.steps.iter().zip(&own.is_change));
             let own = steps.filter(|(_, is_change)| **is_change == at_change);
             let mut ms: Vec<f64> = own.map(|(time, _)| 1e3 * of(time)).collect();
             ms.sort_by(f64::total_cmp);

@@ -198,7 +198,10 @@ fn speed(
     let pixels = size[0] as usize * size[1] as usize;
     let bytes = batch as u64 * pixels as u64 * PIXEL_BYTES;
     if bytes > config.max_bytes {
-        println!("  batch {batch} is left out: {bytes} bytes, allowed {}", config.max_bytes);
+        println!(
+            "  batch {batch} is left out: {bytes} bytes, allowed {}",
+            config.max_bytes
+        );
         return Ok(None);
     }
     let cameras = CameraBatch::new(scene.store.clone(), config)?;

@@ -35,11 +35,11 @@ pub(super) const WALK: Walk = Walk {
     kind: Kind::Plaza,
     light: Lighting::Day,
     seed: 985,
-    span_s: [0.0, 12.0],
+    span_s: [0.0, 20.0],
     size: SMALL,
 };
-/// Both sessions, as shares of the walk.
-const SESSIONS: [[f64; 2]; 2] = [[0.0, 2.0 / 3.0], [1.0 / 3.0, 1.0]];
+/// Both sessions, as shares of the walk; the path turns where they overlap.
+const SESSIONS: [[f64; 2]; 2] = [[0.0, 0.4], [0.2, 0.6]];
 /// Goals of pose, of the 95th percentile of depths, and of PSNR.
 const GOAL_M: f64 = 0.01;
 const GOAL_DEG: f64 = 0.2;
@@ -139,7 +139,12 @@ fn compared(sequence: &Sequence, sessions: &[Session; 2], render: RenderConfig) 
         .at(crossing.time_ns)
         .context("the border is where only one session was")?;
     let at_crossing = difference(&crossing.second_from_rig, &there.world_from_rig);
-    let to_truth = edge_to_truth(sequence, sessions, &first_from_second, &there.world_from_rig)?;
+    let to_truth = edge_to_truth(
+        sequence,
+        sessions,
+        &first_from_second,
+        &there.world_from_rig,
+    )?;
     Ok(json!({
         "poses": lengths_m.len(),
         "inliers": alignment.inlier_count(),
@@ -283,7 +288,10 @@ fn both_sides(
     let back = there.inverse();
     // Poses in the first session.
     let [first, second] = sessions.each_ref().map(|own| &own.references);
-    let all = first.iter().copied().chain(second.iter().map(|pose| back.carry(pose)));
+    let all = first
+        .iter()
+        .copied()
+        .chain(second.iter().map(|pose| back.carry(pose)));
     let is_near = |pose: &RigidTransform| difference(pose, &crossing.first_from_rig).0 <= NEAR_M;
     let near: Vec<RigidTransform> = all.filter(is_near).collect();
     ensure!(!near.is_empty(), "no camera near the crossing");

@@ -9,7 +9,7 @@
 //! Truth is of the static scene, without noise, motion blur, flare and people, at the median
 //! exposure of the camera; depth is exact.
 
-use anyhow::{Context, Result};
+use anyhow::Result;
 use cad_transforms::RigidTransform;
 use camera_models::CameraModel;
 use camera_models::rectify::{Rectification, View};
@@ -22,9 +22,11 @@ use rig_sim::simulation::seconds;
 use scene_bundle::outputs::depth::DepthView;
 use splats::{Camera, TrainingView};
 
+mod poses;
+
 use super::recorded::{KeyframeImages, recorded};
 use crate::meter;
-use crate::terrain::walks::{WalkInputs, transform};
+use crate::terrain::walks::WalkInputs;
 
 /// Length of a gap, and from the begin of one to that of the next, m.
 const GAP_M: f64 = 2.0;
@@ -151,20 +153,6 @@ impl WalkViews {
         })
     }
 
-    /// The same with estimated poses of the rig, which are in a frame of their own, and with those
-    /// keyframes alone that lie between them. What is rendered as truth is no longer of these views.
-    #[must_use]
-    pub(crate) fn with_poses(mut self, world_from_rig: Vec<(i64, RigidTransform)>) -> Self {
-        let estimated = Truth::Measured(world_from_rig);
-        let is_between = |own: &WalkKeyframe| {
-            let steps = [-STEP_NS, STEP_NS].map(|step_ns| own.recorded.id.time_ns + step_ns);
-            steps.iter().all(|time_ns| estimated.at(*time_ns).is_some())
-        };
-        self.keyframes.retain(is_between);
-        self.estimated = Some(estimated);
-        self
-    }
-
     /// Number of instants of a part.
     pub(crate) fn instants(&self, part: Part) -> usize {
         let mut own: Vec<u32> = self.of(part).map(|own| own.instant).collect();
@@ -269,17 +257,6 @@ impl WalkViews {
 
     fn of(&self, part: Part) -> impl Iterator<Item = &WalkKeyframe> {
         self.keyframes.iter().filter(move |own| own.part == part)
-    }
-
-    fn world_from_eye(&self, camera: usize, eye: usize, time_ns: i64) -> Result<RigidTransform> {
-        let world_from_rig = match &self.estimated {
-            Some(poses) => poses.at(time_ns).context("a time without a pose")?,
-            None => {
-                let rig = self.prepared.simulation.walker().rig(seconds(time_ns));
-                transform(&rig.position, &rig.rotation)?
-            }
-        };
-        Ok(world_from_rig * self.cameras[camera].rig_from_eye[eye])
     }
 
     /// The camera of a recorded image, with its motion where the shutter is rolling.
