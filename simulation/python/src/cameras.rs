@@ -182,8 +182,8 @@ fn config(
             _ => {
                 return Err(SettingError::new_err(format!(
                     "{place}: found an unknown setting, expected width, height, fov, K, \
-                     recorded, distortion, mount, timing, exposure, noise, shutter, quality, \
-                     depth, far_m or max_bytes"
+                     recorded, distortion, mount, timing, exposure, noise, shutter, variation, \
+                     quality, depth, far_m or max_bytes"
                 )));
             }
         }
