@@ -8,6 +8,7 @@
 //!    the caller: what a copy to Python would start from.
 //! 2. `episode`: Beogym's: 1280x720 on one thread, 200 steps of an agent on the ground with motion,
 //!    look-ups in the map and the changes of sector that lie on its path.
+//! 3. `support`: predicted and real PSNR of held-out views, and the grid of predictions over the
 //!    ground: its cost, and where it lets episodes start and ends them.
 //! 4. `changes`: frames at changes of sectors, loaded ahead, cross-faded and cold, on a synthetic
 //!    loop of four sectors, and on the scene if it has several.
