@@ -111,7 +111,7 @@ fn grid(scene: &OpenedScene) -> Result<Value> {
             times.push(time.cpu_s);
         }
     }
-    let [without, with] = worlds.map(|of| of.map(|(_, times)| 1e3 * median(times.into_iter())));
+    let [without, with] = worlds.map(|of| of.map(|(_, times)| 1e3 * median(times)));
     Ok(json!({
         "places": places,
         "images": places * 8,
