@@ -189,7 +189,8 @@ impl RigidBodies {
 
     /// Height at which a ray straight down from a point meets the ground or a body first, m: the
     /// height of the point itself inside of a convex part, `None` without anything within a depth.
-    /// Of shapes as they were at the last step; there has to be one before.
+    /// Of shapes as they were at the last step; there has to be one before. A ray on the edge of
+    /// two triangles of a height layer may miss both, by rounding.
     pub fn ground_m(&self, from_m: [f64; 3], depth_m: f64) -> Option<f64> {
         let ray = Ray::new(vector(from_m), vector([0.0, 0.0, -1.0]));
         let hit = self

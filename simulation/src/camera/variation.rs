@@ -6,7 +6,6 @@
 
 use estimator_config::config;
 
-use super::NoiseKey;
 use crate::error::SimulationError;
 use crate::randomness::{RandomStream, Stream};
 
@@ -38,18 +37,16 @@ impl VariationConfig {
     }
 
     /// The gain of a frame.
-    pub(super) fn gain_of(&self, key: &NoiseKey) -> f64 {
-        draw(key, Stream::Exposure, self.gain)
+    pub(super) fn gain_of(&self, seed: u64, episode: u64, camera: u8) -> f64 {
+        let stream = RandomStream::new(seed, episode, Stream::Exposure);
+        stream.range(u64::from(camera), self.gain)
     }
 
     /// The scale of the focal lengths of a frame.
-    pub(super) fn focal_scale_of(&self, key: &NoiseKey) -> f64 {
-        draw(key, Stream::Intrinsics, self.focal_scale)
+    pub(super) fn focal_scale_of(&self, seed: u64, episode: u64, camera: u8) -> f64 {
+        let stream = RandomStream::new(seed, episode, Stream::Intrinsics);
+        stream.range(u64::from(camera), self.focal_scale)
     }
-}
-
-fn draw(key: &NoiseKey, stream: Stream, range: [f64; 2]) -> f64 {
-    RandomStream::new(key.seed, key.episode, stream).range(u64::from(key.camera), range)
 }
 
 #[cfg(test)]
@@ -57,14 +54,16 @@ mod tests {
     use super::*;
 
     fn drawn(config: &VariationConfig) -> Vec<[u64; 2]> {
-        let keys = (0..400).map(|number| NoiseKey {
-            seed: number % 20,
-            episode: number / 20,
-            frame: 3,
-            camera: 0,
-        });
-        let of = |key: NoiseKey| [config.gain_of(&key), config.focal_scale_of(&key)];
-        keys.map(|key| of(key).map(f64::to_bits)).collect()
+        let of = |number: u64| {
+            let (seed, episode) = (number % 20, number / 20);
+            [
+                config.gain_of(seed, episode, 0),
+                config.focal_scale_of(seed, episode, 0),
+            ]
+        };
+        (0..400)
+            .map(|number| of(number).map(f64::to_bits))
+            .collect()
     }
 
     #[test]
@@ -101,19 +100,11 @@ mod tests {
             assert!(low <= least && greatest <= high);
             assert!(greatest - least > 0.97 * (high - low), "{least} {greatest}");
         }
-        let key = |frame, episode| NoiseKey {
-            seed: 4,
-            episode,
-            frame,
-            camera: 0,
-        };
-        assert_eq!(base.gain_of(&key(0, 1)), base.gain_of(&key(900, 1)));
-        assert_ne!(base.gain_of(&key(0, 1)), base.gain_of(&key(0, 2)));
+        assert_ne!(base.gain_of(4, 1, 0), base.gain_of(4, 2, 0));
+        assert_ne!(base.gain_of(4, 1, 0), base.gain_of(4, 1, 1));
         let none = VariationConfig::default();
-        assert_eq!(
-            [none.gain_of(&key(0, 1)), none.focal_scale_of(&key(0, 1))],
-            [1.0; 2]
-        );
+        let found = [none.gain_of(4, 1, 0), none.focal_scale_of(4, 1, 0)];
+        assert_eq!(found, [1.0; 2]);
     }
 
     #[test]

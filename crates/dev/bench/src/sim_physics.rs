@@ -38,7 +38,7 @@ use crate::terrain::surface::{Surface, surface};
 use crate::terrain::truth::Truth;
 use crate::terrain::walks::{WALKS, Walk};
 use crate::{arguments, meter, python, report, stamp};
-use values::{CONTACT_GOAL_MM, entries};
+use values::{CONTACT_GOAL_MM, entries, modules};
 
 const PARTS: [&str; 5] = ["bodies", "walks", "steps", "shape", "surface"];
 /// Pavement with kerbs, and stairs, of 672x376.
@@ -204,11 +204,6 @@ fn ask(jobs: Vec<Value>) -> Result<(Value, f64)> {
     let before = meter::children_cpu_s()?;
     let answer = python::ask_in(python::PHYSICS, SCRIPT, &question)?;
     Ok((answer, meter::children_cpu_s()? - before))
-}
-
-/// Where the Python package `paws_sim` has its modules.
-fn modules() -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../simulation/python/python/paws_sim")
 }
 
 /// Shares of runs by their end, and how far they came.

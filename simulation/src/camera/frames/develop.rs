@@ -55,7 +55,8 @@ impl Developer {
         image: impl Fn(f64, &Exposure) -> Result<Image, SimulationError>,
         mut slot: Slot<'_>,
     ) -> Result<(), SimulationError> {
-        let varied = self.variation.gain_of(&request.noise);
+        let key = request.noise;
+        let varied = self.variation.gain_of(key.seed, key.episode, key.camera);
         let gains = self.exposure.gains(request.gain * varied);
         let Some(curve) = &self.curve else {
             let image = image(0.0, &scene_exposure(gains))?;
@@ -68,7 +69,6 @@ impl Developer {
             return Ok(());
         };
         let light = self.light(curve, image, &mut slot)?;
-        let key = request.noise;
         let stream = RandomStream::new(key.seed, key.episode, Stream::Noise);
         let first = (key.frame << 40) | (u64::from(key.camera) << 32);
         for (channel, plane) in light.iter().enumerate() {

@@ -133,7 +133,10 @@ impl Layers {
 pub(super) fn model(config: &CameraConfig, request: &FrameRequest) -> CameraModel {
     let [fx, fy, cx, cy] = request.intrinsics_px;
     let model = config.model;
-    let scale = config.variation.focal_scale_of(&request.noise);
+    let key = request.noise;
+    let scale = config
+        .variation
+        .focal_scale_of(key.seed, key.episode, key.camera);
     CameraModel {
         fx: scale * model.fx + fx,
         fy: scale * model.fy + fy,

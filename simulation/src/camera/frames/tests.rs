@@ -108,7 +108,10 @@ fn variations_are_those_of_the_episode() {
     let scene = SyntheticScene::room().unwrap();
     let mut varied = requests(&scene, 2);
     for (number, request) in varied.iter_mut().enumerate() {
-        request.noise.episode = number as u64;
+        request.noise = NoiseKey {
+            episode: number as u64,
+            ..NoiseKey::default()
+        };
     }
     let variation = VariationConfig {
         gain: [0.5, 2.0],
@@ -118,8 +121,8 @@ fn variations_are_those_of_the_episode() {
     let plain = batch(&scene, |_| {});
     for request in &mut stated {
         let model = plain.config().model;
-        request.gain = variation.gain_of(&request.noise);
-        let scale = variation.focal_scale_of(&request.noise);
+        request.gain = variation.gain_of(0, request.noise.episode, 0);
+        let scale = variation.focal_scale_of(0, request.noise.episode, 0);
         request.intrinsics_px = [(scale - 1.0) * model.fx, (scale - 1.0) * model.fy, 0.0, 0.0];
     }
     let mut found = Frames::default();

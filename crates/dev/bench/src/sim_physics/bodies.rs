@@ -26,7 +26,7 @@ const STEPS_MS: [f64; 6] = [0.5, 1.0, 2.0, 4.0, 8.0, 16.0];
 const DURATION_S: f64 = 3.0;
 const DROP_M: f64 = 0.1;
 const FRICTION: f64 = 1.0;
-pub(super) const RISE_M: f64 = 0.17;
+const RISE_M: f64 = 0.17;
 const RAMP_RAD: f64 = 10.0 * std::f64::consts::PI / 180.0;
 
 /// A body over a ground.
@@ -93,7 +93,7 @@ pub(super) fn bodies(folder: &Path) -> Result<Vec<Value>> {
         row["mujoco"] = answer["mujoco"].clone();
     }
     compare(&mut rows);
-    rows.extend(stand::go2(&ground_of(&cases[0])?.2)?);
+    rows.extend(stand::go2(&ground_of(&cases[0])?.2, 2.0 * RISE_M)?);
     println!("{:#}", Value::Array(rows.clone()));
     Ok(rows)
 }

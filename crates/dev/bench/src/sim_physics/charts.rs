@@ -27,11 +27,15 @@ pub(super) fn draw(report: &Map<String, Value>) -> Vec<(String, String)> {
                 ("bodies-slip", slip(rows)),
                 ("bodies-sink", sink(rows)),
             ],
-            "shape" => vec![
-                ("shape", shape(rows)),
-                ("shape-support", false_support(rows)),
-                ("shape-time", step_time(rows)),
-            ],
+            "shape" => {
+                let mut all = vec![("shape", shape(rows))];
+                // Results of before there was a report have none.
+                if rows.iter().any(|row| row["report"].is_object()) {
+                    all.push(("shape-support", false_support(rows)));
+                    all.push(("shape-time", step_time(rows)));
+                }
+                all
+            }
             _ => Vec::new(),
         };
         let foot = stamp::source(&found["stamp"]);

@@ -156,6 +156,20 @@ fn is_convex(polygon: &[Vector3<f64>]) -> bool {
 /// # Errors
 /// It cannot be written, or geometry is lost in it.
 pub(super) fn exported(collision: &Collision, folder: &Path, name: &str) -> Result<PathBuf> {
+    let (out, lost) = exported_in_part(collision, folder, name)?;
+    ensure!(lost.is_empty(), "lost: {lost:?}");
+    Ok(out)
+}
+
+/// The same, with what was lost: flat parts.
+///
+/// # Errors
+/// It cannot be written.
+pub(super) fn exported_in_part(
+    collision: &Collision,
+    folder: &Path,
+    name: &str,
+) -> Result<(PathBuf, Vec<String>)> {
     let (bundle, out) = (folder.join(format!("{name}.scene")), folder.join(name));
     for old in [&bundle, &out] {
         if old.exists() {
@@ -185,8 +199,7 @@ pub(super) fn exported(collision: &Collision, folder: &Path, name: &str) -> Resu
         inputs: BTreeMap::new(),
     })?;
     let summary = export(&bundle.scene(), Format::Mjcf, &Options::default(), &out)?;
-    ensure!(summary.lost.is_empty(), "lost: {:?}", summary.lost);
-    Ok(out)
+    Ok((out, summary.lost))
 }
 
 #[cfg(test)]

@@ -34,7 +34,7 @@ impl Probe {
         let faces = faces(collision);
         let mut cells: HashMap<[i32; 2], Vec<u32>> = HashMap::new();
         for (number, face) in faces.iter().enumerate() {
-            let [low, high] = face.bounds.map(|corner| cell(corner));
+            let [low, high] = face.bounds.map(cell);
             for x in low[0]..=high[0] {
                 for y in low[1]..=high[1] {
                     cells.entry([x, y]).or_default().push(number as u32);

@@ -14,9 +14,9 @@ use serde_json::{Value, json};
 use simulation::{BodiesConfig, RigidBodies};
 
 use super::bodies;
+use super::model;
 use super::probe::Probe;
-use super::values::{CONTACT_GOAL_MM, FALSE_SUPPORT_GOAL, entries};
-use super::{model, modules};
+use super::values::{CONTACT_GOAL_MM, FALSE_SUPPORT_GOAL, entries, modules};
 use crate::python;
 use crate::terrain::parts;
 use crate::terrain::scores::Quantiles;
@@ -52,7 +52,8 @@ pub(super) fn report(surface: &Surface, truth: &Truth<'_>, folder: &Path) -> Res
     let (mut jobs, mut own_us) = (Vec::new(), Vec::new());
     for (number, config) in parts::configs().enumerate() {
         let shape = model::with_config(surface, &config);
-        let exported = model::exported(&shape, folder, &format!("shape-{number}"))?;
+        let name = format!("shape-{number}");
+        let (exported, lost) = model::exported_in_part(&shape, folder, &name)?;
         jobs.push(stand.to_json(&exported, STEP_S)?);
         own_us.push(stand.run(&shape, STEP_S)?["cpu_us_per_step"].clone());
         let probe = Probe::new(&shape);
@@ -64,6 +65,7 @@ pub(super) fn report(surface: &Surface, truth: &Truth<'_>, folder: &Path) -> Res
             "uncovered_share": config.max_uncovered_share,
             "parts": ground.count(),
             "geoms": shape.parts.len() + shape.layers.len(),
+            "flat": lost.len(),
             "parts_per_100_m2": shape.report.parts_per_100_m2,
             "feet": feet(&probe, truth, &places),
             "penetration": penetration(&probe, truth),

@@ -5,23 +5,21 @@ use std::path::Path;
 use anyhow::Result;
 use serde_json::{Value, json};
 
-use super::bodies::RISE_M;
-use super::modules;
-use super::values::entries;
+use super::values::{entries, modules};
 use crate::python;
 
 const SCRIPT: &str = "sim_physics/stand.py";
 
 /// A row for each place: heights of the feet above the ground, height and tilt of the trunk beside
-/// those on a plane of MuJoCo.
+/// those on a plane of MuJoCo. `tread_m` is the height of the tread 0.9 m ahead.
 ///
 /// # Errors
 /// No interpreter with the robot.
-pub(super) fn go2(stairs: &Path) -> Result<Vec<Value>> {
+pub(super) fn go2(stairs: &Path, tread_m: f64) -> Result<Vec<Value>> {
     let places = [
         json!({ "place": "mujoco plane", "model": null, "at": [0.0, 0.0], "ground_m": 0.0 }),
         json!({ "place": "plane", "model": stairs, "at": [-1.0, 0.2], "ground_m": 0.0 }),
-        json!({ "place": "tread", "model": stairs, "at": [0.9, -0.3], "ground_m": 2.0 * RISE_M }),
+        json!({ "place": "tread", "model": stairs, "at": [0.9, -0.3], "ground_m": tread_m }),
     ];
     let question = json!({ "modules": modules(), "jobs": places });
     let answer = python::ask_in(python::PHYSICS, SCRIPT, &question)?;

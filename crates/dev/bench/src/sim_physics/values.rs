@@ -1,4 +1,6 @@
-//! Values of the script, and goals.
+//! Values of the scripts, where their modules are, and goals.
+
+use std::path::{Path, PathBuf};
 
 use serde_json::Value;
 
@@ -15,4 +17,9 @@ pub(super) const REST_GOAL_MM: f64 = 2.0;
 /// Entries of an array; none of anything else.
 pub(super) fn entries(value: &Value) -> &[Value] {
     value.as_array().map_or(&[], Vec::as_slice)
+}
+
+/// Where the Python package `paws_sim` has its modules.
+pub(super) fn modules() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../simulation/python/python/paws_sim")
 }
