@@ -159,6 +159,10 @@ impl PyWorld {
         let actions: Vec<f64> = actions.as_array().iter().copied().collect();
         let is_long = self.is_long.load(Ordering::Relaxed);
         let took = self.work(py, is_long, move |batch| {
+            #[expect(
+                clippy::disallowed_methods,
+                reason = "how long it takes decides how it is waited for, and no result"
+            )]
             let begin = Instant::now();
             batch.step(&actions, autoreset)?;
             Ok(begin.elapsed())

@@ -45,7 +45,10 @@ fn without_a_timing_nothing_changes_and_there_is_no_queue() {
             let frame = plain.frame_request(index);
             let (sector, pose) = plain.world_from_camera(index);
             assert_eq!((frame.sector, frame.world_from_camera), (sector, pose));
-            assert_eq!(frame.velocity_m_s, [0.0; 3]);
+            // On level ground the camera turns as the agent does.
+            let rate = frame.rate_rad_s.map(|v| v * v).iter().sum::<f64>().sqrt();
+            let turn = plain.states()[index].velocity[2].abs();
+            assert!((rate - turn).abs() < 1e-6, "{rate} {turn}");
             let (seed, episode) = plain.random_key(index);
             let frame_number = u64::from(plain.result().steps[index]);
             let noise = frame.noise;

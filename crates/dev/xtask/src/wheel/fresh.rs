@@ -3,7 +3,7 @@
 //!
 //! They run on a scene bundle of a synthetic room, and on the demo's scene where it is there.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use anyhow::{Context, Result, ensure};
 
@@ -69,7 +69,7 @@ fn pip(python: &Path) -> Result<std::process::Command> {
     Ok(pip)
 }
 
-fn run_lines(python: &Path, lines: &str, scene: &PathBuf) -> Result<()> {
+fn run_lines(python: &Path, lines: &str, scene: &Path) -> Result<()> {
     let mut code = lines.replace(DEMO, &scene.to_string_lossy());
     // A state, a reward, two flags and the numbers of the step.
     code.push_str(
