@@ -31,6 +31,7 @@ mod recording;
 mod rectify;
 mod render_speed;
 mod report;
+mod resident;
 mod sim;
 mod sim_images;
 mod sim_learn;

@@ -2,15 +2,17 @@
 //! PSNR to the exact renderer.
 //!
 //! 1. `sizes`: PAWS-Sim's table: 64 to 1024 px and 1280x720, colors and depth, over the size of a
-//!    batch. Poses are recorded ones with offsets up to 3 m and 30 degrees; views with more than
-//!    half sky or a surface nearer than 0.5 m are drawn again. Images are 8 bits per channel, depth
-//!    in f32 and a mask, in memory of the caller: what a copy to Python would start from.
-//! 2. `episode`: Beogym's: 1280x720 on one thread, 200 steps of an agent on the ground with motion
-//!    and look-ups in the map.
+//!    batch, and over the PSNR with other settings of the levels of detail. Poses are recorded ones
+//!    with offsets up to 3 m and 30 degrees; views with more than half sky or a surface nearer than
+//!    0.5 m are drawn again. Images are 8 bits per channel, depth in f32 and a mask, in memory of
+//!    the caller: what a copy to Python would start from.
+//! 2. `episode`: Beogym's: 1280x720 on one thread, 200 steps of an agent on the ground with motion,
+//!    look-ups in the map and the changes of sector that lie on its path.
 //! 3. `support`: PSNR of held-out views by their distance and angle from recorded ones, and the
 //!    error of the support map on views that it was not fitted to.
 //! 4. `changes`: frames at changes of sectors, loaded ahead, cross-faded and cold, on a synthetic
-//!    loop of four sectors.
+//!    loop of four sectors, and on the scene if it has several.
+//! 5. `memory`: resident memory while Gaussians are loaded and leave, on the same two.
 //!
 //! Beside the elapsed time stands the processor time, which other load of the machine changes less.
 
@@ -23,14 +25,18 @@ use serde_json::Value;
 mod changes;
 mod charts;
 mod episode;
+mod memory;
 mod opened_scene;
+mod route;
 mod sizes;
 mod support;
 
 use crate::{arguments, report, stamp};
 use opened_scene::OpenedScene;
 
-const PARTS: [&str; 4] = ["sizes", "episode", "support", "changes"];
+const PARTS: [&str; 5] = ["sizes", "episode", "support", "changes", "memory"];
+/// Parts that are measured without a scene too.
+const SYNTHETIC: [&str; 2] = ["changes", "memory"];
 const DEMO: &str = "target/demo/walk.scene";
 
 /// Runs the benchmark: `[--quick] [--only PART,...] [--scene PATH] [--out DIR]`.
@@ -47,10 +53,7 @@ pub(crate) fn run(args: &[String]) -> Result<()> {
     let path = options.out.join("sim_render.json");
     let mut report = report::read(&path)?;
     for part in &options.parts {
-        let mut row = match part.as_str() {
-            "changes" => changes::measure(options.quick)?,
-            _ => of_scene(part, &mut scene, &options)?,
-        };
+        let mut row = of_scene(part, &mut scene, &options)?;
         row["stamp"] = stamp.clone();
         println!("{row:#}");
         report.insert(part.clone(), row);
@@ -60,18 +63,21 @@ pub(crate) fn run(args: &[String]) -> Result<()> {
     Ok(())
 }
 
-/// A part that is measured on the scene, which is opened for the first of them.
+/// A part, measured on the scene, which is opened for the first of them.
 fn of_scene(part: &str, opened: &mut Option<OpenedScene>, options: &Options) -> Result<Value> {
-    let scene = match opened {
-        Some(scene) => scene,
-        None => opened.insert(OpenedScene::new(&options.scene)?),
+    if opened.is_none() && options.scene.exists() {
+        *opened = Some(OpenedScene::new(&options.scene)?);
+    }
+    let recorded = opened.as_ref().map(|scene| &scene.scene);
+    let mut row = match (part, opened.as_ref()) {
+        ("changes", _) => changes::measure(recorded, options.quick)?,
+        ("memory", _) => memory::measure(recorded, options.quick)?,
+        ("sizes", Some(scene)) => sizes::measure(scene, options.quick)?,
+        ("episode", Some(scene)) => episode::measure(scene, options.quick)?,
+        (_, Some(scene)) => support::measure(scene, &options.out)?,
+        (_, None) => bail!("{part} needs a scene"),
     };
-    let mut row = match part {
-        "sizes" => sizes::measure(scene, options.quick)?,
-        "episode" => episode::measure(scene, options.quick)?,
-        _ => support::measure(scene, &options.out)?,
-    };
-    row["scene"] = scene.row();
+    row["scene"] = opened.as_ref().map_or(Value::Null, OpenedScene::row);
     Ok(row)
 }
 
@@ -104,7 +110,11 @@ impl Options {
             }
         }
         ensure!(
-            parsed.scene.exists() || parsed.parts == ["changes"],
+            parsed.scene.exists()
+                || parsed
+                    .parts
+                    .iter()
+                    .all(|own| SYNTHETIC.contains(&own.as_str())),
             "there is no scene {}: `cargo xtask demo` makes one, or name another with --scene",
             parsed.scene.display()
         );

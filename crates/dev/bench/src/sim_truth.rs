@@ -7,6 +7,8 @@
 //!
 //! 1. `heights`: heights of the ground on which agents walk, near footsteps and elsewhere.
 //! 2. `depth`: depth images of the simulator's cameras, at and off the path.
+//! 3. `seam`: two reconstructions of one place, each with poses of its own odometry, joined by an
+//!    imported edge.
 
 use std::fs;
 use std::path::PathBuf;
@@ -18,11 +20,12 @@ use serde_json::json;
 mod charts;
 mod depth;
 mod heights;
+mod seam;
 
 use crate::terrain::walks::{SMALL, Walk};
 use crate::{arguments, report, stamp};
 
-const PARTS: [&str; 2] = ["heights", "depth"];
+const PARTS: [&str; 3] = ["heights", "depth", "seam"];
 /// Kind, seed, and begin and end, s.
 const WALKS: [(Kind, u64, [f64; 2]); 4] = [
     (Kind::Pavement, 981, [3.0, 23.0]),
@@ -45,9 +48,14 @@ pub(crate) fn run(args: &[String]) -> Result<()> {
     let mut report = report::read(&path)?;
     for part in &options.parts {
         let mut rows = Vec::new();
-        for walk in &options.walks {
+        let walks = match part.as_str() {
+            "seam" => &[seam::WALK][..],
+            _ => &options.walks,
+        };
+        for walk in walks {
             let found = match part.as_str() {
                 "heights" => heights::measure(*walk),
+                "seam" => seam::measure(*walk, options.quick),
                 _ => depth::measure(*walk, options.quick),
             };
             let mut row = found.with_context(|| format!("{part} of {}", walk.name()))?;

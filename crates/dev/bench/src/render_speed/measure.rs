@@ -15,10 +15,15 @@ const ROUNDS: usize = 5;
 /// Time of an image.
 #[derive(Clone, Copy, Debug, Serialize)]
 pub(crate) struct Speed {
-    /// Images per second of elapsed time.
+    /// Images per second of elapsed time, the median of the rounds.
     pub(crate) fps: f64,
-    /// Processor time of all threads, ms.
+    /// Of the slowest and the fastest round.
+    pub(crate) fps_range: [f64; 2],
+    /// Processor time of all threads, ms, the median of the rounds.
     pub(crate) cpu_ms: f64,
+    /// Of the round with the least and that with the most.
+    pub(crate) cpu_ms_range: [f64; 2],
+    pub(crate) rounds: usize,
     /// Load average of the machine over a minute, before.
     load: f64,
 }
@@ -49,14 +54,25 @@ impl Speed {
     pub(crate) fn measure(images: usize, rounds: usize, mut render: impl FnMut()) -> Self {
         let load = load();
         let times: Vec<_> = (0..rounds).map(|_| timed(&mut render).1).collect();
-        let wall_s = median(times.iter().map(|time| time.wall_s));
-        let cpu_s = median(times.iter().map(|time| time.cpu_s));
+        let count = images as f64;
+        let fps = || times.iter().map(|time| count / time.wall_s);
+        let cpu_ms = || times.iter().map(|time| 1e3 * time.cpu_s / count);
         Self {
-            fps: images as f64 / wall_s,
-            cpu_ms: 1e3 * cpu_s / images as f64,
+            fps: median(fps()),
+            fps_range: range(fps()),
+            cpu_ms: median(cpu_ms()),
+            cpu_ms_range: range(cpu_ms()),
+            rounds,
             load,
         }
     }
+}
+
+/// The least and the most.
+fn range(values: impl Iterator<Item = f64>) -> [f64; 2] {
+    values.fold([f64::INFINITY, f64::NEG_INFINITY], |[least, most], v| {
+        [least.min(v), most.max(v)]
+    })
 }
 
 fn load() -> f64 {
@@ -123,7 +139,7 @@ pub(crate) fn differences(
 const MAX_PSNR_DB: f64 = 100.0;
 
 /// Of colors clamped to 0 to 1, over all channels.
-fn psnr_db(found: &Image, exact: &Image) -> f64 {
+pub(crate) fn psnr_db(found: &Image, exact: &Image) -> f64 {
     let pairs = found.rgb.iter().flatten().zip(exact.rgb.iter().flatten());
     let square = |a: f32, b: f32| f64::from(a.clamp(0.0, 1.0) - b.clamp(0.0, 1.0)).powi(2);
     let sum: f64 = pairs.map(|(a, b)| square(*a, *b)).sum();

@@ -1,25 +1,30 @@
 //! Beogym's measurement: an agent that walks, and its camera, on one thread.
 //!
-//! A step is the motion of the agent over the ground, which looks up the map, and an image of
-//! 1280x720 with depth. The agent walks between two places on the recorded path, there and back,
-//! along the shortest path.
+//! A step is the motion of the agent over the ground, which looks up the map, the sector that owns
+//! the camera, and an image of 1280x720 with depth. The agent walks between two places on the
+//! recorded path, there and back, along the shortest path. Sectors of a bundle have one world, and
+//! maps for all of it: an agent keeps its pose where its sector changes.
 
 use std::f64::consts::FRAC_PI_2;
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, ensure};
 use cad_transforms::RigidTransform;
 use serde_json::{Value, json};
 use simulation::{
     AgentConfig, AgentState, CameraBatch, CameraConfig, DistanceField, Drive, FrameRequest, Frames,
-    Ground, Quality, advance,
+    Ground, Place, Quality, SceneData, advance,
 };
 
 use super::opened_scene::OpenedScene;
-use crate::meter::{quantile, timed};
+use crate::meter::{Timing, median, quantile, timed};
 
 const SIZE: [u32; 2] = [1280, 720];
 const STEPS: usize = 200;
 const QUICK_STEPS: usize = 20;
+/// Episodes of which each is the same.
+const ROUNDS: usize = 2;
+/// Steps that a change of sector counts for, from the first in the new one.
+const CHANGE_STEPS: usize = 2;
 const DT_S: f64 = 0.1;
 /// Distance at which a goal is reached, m.
 const REACHED_M: f64 = 0.5;
@@ -33,26 +38,48 @@ const GOALS: usize = 12;
 const BEOGYM_FPS: f64 = 110.0;
 
 pub(super) fn measure(scene: &OpenedScene, quick: bool) -> Result<Value> {
-    let steps = if quick { QUICK_STEPS } else { STEPS };
+    let edges = scene.scene.sectors.iter().flat_map(|sector| &sector.edges);
+    ensure!(
+        edges.clone().all(|edge| !edge.is_imported),
+        "expected a scene bundle, whose sectors have one world; found edges between recordings"
+    );
+    let (steps, rounds) = if quick {
+        (QUICK_STEPS, 1)
+    } else {
+        (STEPS, ROUNDS)
+    };
     let pool = rayon::ThreadPoolBuilder::new().num_threads(1);
     pool.build()?.install(|| {
-        let runs = [Quality::Detail, Quality::Exact].map(|quality| episode(scene, quality, steps));
-        let [detail, exact] = runs;
+        let of = |quality: Quality| -> Result<Value> {
+            let rounds = (0..rounds).map(|_| episode(scene, quality, steps));
+            let rounds: Vec<Episode> = rounds.collect::<Result<_>>()?;
+            Ok(summary(&rounds))
+        };
         Ok(json!({
             "threads": 1,
             "steps": steps,
+            "rounds": rounds,
             "width": SIZE[0],
             "height": SIZE[1],
-            // Of the first sector alone; the part `changes` has changes.
-            "sector_changes": 0,
             "beogym_fps": BEOGYM_FPS,
-            "detail": detail?,
-            "exact": exact?,
+            "detail": of(Quality::Detail)?,
+            "exact": of(Quality::Exact)?,
         }))
     })
 }
 
-fn episode(scene: &OpenedScene, quality: Quality, steps: usize) -> Result<Value> {
+/// What an episode took.
+struct Episode {
+    reset: Timing,
+    steps: Vec<Timing>,
+    /// Whether each step is at a change of sector.
+    is_change: Vec<bool>,
+    changes: usize,
+    blocked: usize,
+    distance_m: f64,
+}
+
+fn episode(scene: &OpenedScene, quality: Quality, steps: usize) -> Result<Episode> {
     let agent = AgentConfig::default();
     let sector = &scene.scene.sectors[0];
     let levels = sector
@@ -69,23 +96,34 @@ fn episode(scene: &OpenedScene, quality: Quality, steps: usize) -> Result<Value>
     let (there, begin) = longest(&ground, &agent, &points).context("no path on the ground")?;
     let back = DistanceField::new(&ground, &agent, begin);
     let mut frames = Frames::default();
-    let render = |state: &AgentState, frames: &mut Frames| {
+    let render = |state: &AgentState, sector: usize, frames: &mut Frames| {
         let pose = state.world_from_body() * camera.config().body_from_camera;
-        camera.render(&[FrameRequest::new(0, pose)], frames)
+        camera.render(&[FrameRequest::new(sector, pose)], frames)
     };
-    let (start, reset) = timed(|| -> Result<AgentState> {
+    let (start, reset) = timed(|| -> Result<(AgentState, usize)> {
         let yaw_rad = there
             .direction(begin)
             .map_or(0.0, |[x, y]| libm::atan2(y, x));
         let start = AgentState::on_ground(&ground, &agent, begin, yaw_rad);
         let start = start.context("no recorded pose is above the ground")?;
-        render(&start, &mut frames)?;
-        Ok(start)
+        let sector = owner(&scene.scene, 0, &start);
+        render(&start, sector, &mut frames)?;
+        Ok((start, sector))
     });
-    let mut state = start?;
-    let (mut is_back, mut blocked, mut distance_m) = (false, 0, 0.0);
-    let (mut walls_s, mut cpus_s) = (Vec::new(), Vec::new());
+    let (mut state, mut sector) = start?;
+    // Neighbors are loaded ahead in both places.
+    scene.store.wait_for_prefetch();
+    let mut found = Episode {
+        reset,
+        steps: Vec::new(),
+        is_change: Vec::new(),
+        changes: 0,
+        blocked: 0,
+        distance_m: 0.0,
+    };
+    let (mut is_back, mut since_change) = (false, CHANGE_STEPS);
     for _ in 0..steps {
+        let before = sector;
         let (result, time) = timed(|| {
             let field = if is_back { &back } else { &there };
             let left_m = field.distance_m(state.position_m);
@@ -93,32 +131,77 @@ fn episode(scene: &OpenedScene, quality: Quality, steps: usize) -> Result<Value>
             let action = action(field, &state);
             let motion = advance(&ground, &agent, Drive::Differential, &state, &action, DT_S);
             state = motion.state;
-            blocked += usize::from(motion.blocked.is_some());
-            distance_m += motion.distance_m;
-            render(&state, &mut frames)
+            sector = owner(&scene.scene, sector, &state);
+            found.blocked += usize::from(motion.blocked.is_some());
+            found.distance_m += motion.distance_m;
+            render(&state, sector, &mut frames)
         });
         result?;
-        walls_s.push(time.wall_s);
-        cpus_s.push(time.cpu_s);
+        since_change = match sector == before {
+            true => since_change + 1,
+            false => 0,
+        };
+        found.changes += usize::from(sector != before);
+        found.is_change.push(since_change < CHANGE_STEPS);
+        found.steps.push(time);
     }
-    let (wall_s, cpu_s): (f64, f64) = (walls_s.iter().sum(), cpus_s.iter().sum());
-    cpus_s.sort_by(f64::total_cmp);
-    walls_s.sort_by(f64::total_cmp);
-    let ms = |sorted: &[f64], share: f64| 1e3 * quantile(sorted, share);
-    Ok(json!({
-        "fps": steps as f64 / wall_s,
-        "fps_by_processor_time": steps as f64 / cpu_s,
-        "fps_with_reset": steps as f64 / (wall_s + reset.wall_s),
-        "reset_ms": 1e3 * reset.wall_s,
-        "cpu_ms": { "p50": ms(&cpus_s, 0.5), "p95": ms(&cpus_s, 0.95), "worst": ms(&cpus_s, 1.0) },
-        "wall_ms": {
-            "p50": ms(&walls_s, 0.5),
-            "p95": ms(&walls_s, 0.95),
-            "worst": ms(&walls_s, 1.0),
-        },
-        "distance_m": distance_m,
-        "blocked_steps": blocked,
-    }))
+    Ok(found)
+}
+
+/// The sector that owns an agent which was in one before.
+fn owner(scene: &SceneData, sector: usize, state: &AgentState) -> usize {
+    let sector_from_body = state.world_from_body();
+    scene
+        .cross(&Place {
+            sector,
+            sector_from_body,
+        })
+        .sector
+}
+
+/// Medians and ranges over the rounds, and quantiles over the steps of all of them.
+fn summary(rounds: &[Episode]) -> Value {
+    let sum = |own: &Episode, of: fn(&Timing) -> f64| own.steps.iter().map(of).sum::<f64>();
+    let rate = |own: &Episode, seconds: f64| own.steps.len() as f64 / seconds;
+    let over = |of: &dyn Fn(&Episode) -> f64| {
+        let mut values: Vec<f64> = rounds.iter().map(of).collect();
+        values.sort_by(f64::total_cmp);
+        json!({
+            "median": median(values.iter().copied()),
+            "range": [quantile(&values, 0.0), quantile(&values, 1.0)],
+        })
+    };
+    let ms = |of: fn(&Timing) -> f64| {
+        let times = |at_change: bool| {
+            let steps = rounds
+                .iter()
+                .flat_map(|own| own.steps.iter().zip(&own.is_change));
+            let own = steps.filter(|(_, is_change)| **is_change == at_change);
+            let mut ms: Vec<f64> = own.map(|(time, _)| 1e3 * of(time)).collect();
+            ms.sort_by(f64::total_cmp);
+            ms
+        };
+        let [others, changes] = [false, true].map(times);
+        let of_changes = |share: f64| (!changes.is_empty()).then(|| quantile(&changes, share));
+        json!({
+            "p50": quantile(&others, 0.5),
+            "p95": quantile(&others, 0.95),
+            "worst": quantile(&others, 1.0),
+            "at_changes": { "steps": changes.len(), "p50": of_changes(0.5), "worst": of_changes(1.0) },
+        })
+    };
+    let first = &rounds[0];
+    json!({
+        "sector_changes": first.changes,
+        "fps": over(&|own| rate(own, sum(own, |time| time.wall_s))),
+        "fps_by_processor_time": over(&|own| rate(own, sum(own, |time| time.cpu_s))),
+        "fps_with_reset": over(&|own| rate(own, sum(own, |time| time.wall_s) + own.reset.wall_s)),
+        "reset_ms": over(&|own| 1e3 * own.reset.wall_s),
+        "cpu_ms": ms(|time| time.cpu_s),
+        "wall_ms": ms(|time| time.wall_s),
+        "distance_m": first.distance_m,
+        "blocked_steps": first.blocked,
+    })
 }
 
 /// Points on the ground below the recorded poses, in the order of their times, m.

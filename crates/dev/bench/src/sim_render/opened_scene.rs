@@ -8,7 +8,7 @@ use serde_json::{Value, json};
 use simulation::{GaussianStore, ResidencyConfig, SceneData, SectorGaussians};
 use splats::{RenderConfig, Renderer};
 
-/// A scene with its first sector in memory.
+/// A scene with its first sector in memory, whose Gaussians are those up to 40 m around it.
 pub(super) struct OpenedScene {
     pub(super) scene: Arc<SceneData>,
     pub(super) store: Arc<GaussianStore>,

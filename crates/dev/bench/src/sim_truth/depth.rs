@@ -16,8 +16,8 @@ use crate::splats::{fit, off_path};
 use crate::terrain::walks::Walk;
 
 /// Steps of the training, those of the demo.
-const STEPS: usize = 700;
-const QUICK_STEPS: usize = 100;
+pub(super) const STEPS: usize = 700;
+pub(super) const QUICK_STEPS: usize = 100;
 /// Every which view of the validation is compared, and how many of each offset and angle.
 const ON_PATH_INTERVAL: usize = 2;
 const OFF_PATH_VIEWS: usize = 2;

@@ -13,6 +13,7 @@ use anyhow::Result;
 use cad_transforms::RigidTransform;
 use camera_models::CameraModel;
 use camera_models::rectify::{Rectification, View};
+use harness::sequences::Truth;
 use rayon::prelude::*;
 use reconstruction::pipeline::stages::splats::RecordedDepth;
 use rig_sim::camera::Shutter;
@@ -21,9 +22,11 @@ use rig_sim::simulation::seconds;
 use scene_bundle::outputs::depth::DepthView;
 use splats::{Camera, TrainingView};
 
+mod poses;
+
 use super::recorded::{KeyframeImages, recorded};
 use crate::meter;
-use crate::terrain::walks::{WalkInputs, transform};
+use crate::terrain::walks::WalkInputs;
 
 /// Length of a gap, and from the begin of one to that of the next, m.
 const GAP_M: f64 = 2.0;
@@ -97,6 +100,8 @@ pub(crate) struct WalkViews {
     pub(crate) prepared: WalkInputs,
     cameras: Vec<WalkCamera>,
     keyframes: Vec<WalkKeyframe>,
+    /// Poses of the rig instead of the true ones.
+    estimated: Option<Truth>,
 }
 
 struct WalkCamera {
@@ -144,6 +149,7 @@ impl WalkViews {
             cameras: cameras.collect::<Result<_>>()?,
             keyframes,
             prepared,
+            estimated: None,
         })
     }
 
@@ -251,12 +257,6 @@ impl WalkViews {
 
     fn of(&self, part: Part) -> impl Iterator<Item = &WalkKeyframe> {
         self.keyframes.iter().filter(move |own| own.part == part)
-    }
-
-    fn world_from_eye(&self, camera: usize, eye: usize, time_ns: i64) -> Result<RigidTransform> {
-        let rig = self.prepared.simulation.walker().rig(seconds(time_ns));
-        let world_from_rig = transform(&rig.position, &rig.rotation)?;
-        Ok(world_from_rig * self.cameras[camera].rig_from_eye[eye])
     }
 
     /// The camera of a recorded image, with its motion where the shutter is rolling.
