@@ -1,100 +1,36 @@
-//! Support of views by recorded ones: the PSNR of what an agent sees, predicted all over the ground.
+//! Support of views by recorded ones: the PSNR of what an agent sees, predicted on all ground.
 //!
 //! A [`SupportGrid`] has places about half a metre apart on all ground on which an agent can stand.
 //! At each of them the image of its camera is judged in some headings by what the training saw
 //! ([`ObservedScene`](crate::ObservedScene)); between places and headings the prediction is
-//! interpolated, which costs a step of an environment nothing to speak of.
+//! interpolated, a look-up in a table.
 //!
-//! Contract: a function of scene, mount of the camera, agent and [`SupportConfig`], on any number of
-//! threads. Where an agent cannot stand, or more than 1 m above or below, the prediction is 0 dB.
-//! Pitch and roll are those of an agent at rest on the ground; others are not in it.
+//! Contract: a function of scene, mount of the camera, agent and [`SupportConfig`], on any number
+//! of threads. Where an agent cannot stand, or more than 1 m above or below, the prediction is
+//! 0 dB. Pitch and roll are those of an agent at rest on the ground; others are not in it.
 
-mod grid;
+pub(crate) mod config;
+pub(crate) mod grid;
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use cad_transforms::RigidTransform;
-use estimator_config::config;
 use rayon::prelude::*;
 use splats::{Camera, Renderer, Scene};
 
+pub use config::SupportConfig;
 pub use grid::{SupportGrid, SupportNode};
 
 use crate::agent::AgentState;
 use crate::camera::pinhole;
 use crate::confidence::{ObservedScene, renderer};
-use crate::error::{SimulationError, check_range};
-use crate::scene::SceneData;
+use crate::error::SimulationError;
 use crate::world::shared::Shared;
 use grid::{Node, Places};
 
-config! {
-    /// How the PSNR of views is predicted.
-    pub struct SupportConfig {
-        /// Distance of the places at which images are judged, m.
-        pub cell_m: f64 = 0.5,
-        /// Headings at each place.
-        pub headings: usize = 8,
-        /// Field of view of the images from left to right, rad.
-        pub field_of_view_rad: f64 = 1.6,
-    }
-}
-
 /// Size of the images, px.
 const SIZE: [u32; 2] = [48, 36];
-
-impl SupportConfig {
-    pub(crate) fn check(&self) -> Result<(), SimulationError> {
-        for (name, value, range, expected) in [
-            ("support.cell_m", self.cell_m, [0.05, 10.0], "0.05 to 10 m"),
-            (
-                "support.headings",
-                self.headings as f64,
-                [1.0, 64.0],
-                "1 to 64",
-            ),
-            (
-                "support.field_of_view_rad",
-                self.field_of_view_rad,
-                [0.1, 3.0],
-                "0.1 to 3 rad",
-            ),
-        ] {
-            check_range(name, value, range, expected)?;
-        }
-        Ok(())
-    }
-
-    /// Yaw of a heading, rad.
-    fn yaw_rad(&self, heading: usize) -> f64 {
-        std::f64::consts::TAU * heading as f64 / self.headings as f64
-    }
-}
-
-/// Refuses a scene of which it is not known what the training saw, for a setting that needs it.
-pub(crate) fn check_scene(
-    scene: &SceneData,
-    name: &str,
-    found: &str,
-) -> Result<(), SimulationError> {
-    let is_observed = |sector: &&crate::scene::Sector| {
-        let gaussians = sector.gaussians.as_ref();
-        !gaussians.is_some_and(|gaussians| gaussians.is_observed())
-    };
-    match scene.sectors.iter().find(is_observed) {
-        None => Ok(()),
-        Some(sector) => Err(SimulationError::Setting {
-            name: name.to_owned(),
-            found: found.to_owned(),
-            expected: format!(
-                "none: sector {} has no record of what the training of its Gaussians saw, which \
-                 the stage splats writes",
-                sector.name
-            ),
-        }),
-    }
-}
 
 /// Grids of all sectors.
 ///

@@ -13,6 +13,7 @@ pub(crate) mod episode;
 pub(crate) mod frames;
 pub(crate) mod observation;
 mod place;
+mod prepare;
 pub(crate) mod pursuit;
 pub(crate) mod report;
 pub(crate) mod result;
@@ -148,7 +149,7 @@ impl World {
     /// were judged and of all of a sector, from any thread.
     ///
     /// # Errors
-    /// [`SimulationError::Start`] if no goals were found, [`SimulationError::Bundle`] for files that
+    /// [`SimulationError::Start`] if no goals were found, [`SimulationError::Scene`] for files that
     /// changed since the scene was opened.
     pub fn prepare(
         &mut self,

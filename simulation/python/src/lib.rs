@@ -7,6 +7,7 @@
 
 mod cameras;
 mod error;
+mod matrices;
 mod pool;
 mod recording;
 mod scene;

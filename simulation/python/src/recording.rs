@@ -10,8 +10,8 @@ use pyo3::types::PyDict;
 use simulation::{CameraConfig, Playback, SceneData, Sector};
 
 use crate::error::{SettingError, exception};
+use crate::matrices::matrices;
 use crate::pool;
-use crate::scene::matrices;
 
 /// What was recorded of the walk, in the frame of a sector.
 #[pyclass(name = "Recording", module = "paws_sim._core", frozen)]
@@ -19,7 +19,7 @@ pub(crate) struct PyRecording {
     scene: Arc<SceneData>,
     /// Index of the sector, which the scene has.
     sector: usize,
-    /// The wearer, if there is a trajectory; made when it is asked for.
+    /// The wearer, if there is a trajectory; made at the first use.
     wearer: OnceLock<Option<Playback>>,
 }
 

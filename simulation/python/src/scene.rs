@@ -11,6 +11,7 @@ use simulation::testing::SyntheticScene;
 use simulation::{BeogymConfig, SceneData, Sector, SimulationError};
 
 use crate::error::{SettingError, exception};
+use crate::matrices::matrices;
 use crate::pool;
 use crate::recording::PyRecording;
 
@@ -198,22 +199,4 @@ pub(crate) fn write_synthetic(py: Python<'_>, name: String, path: PathBuf) -> Py
     let make = synthetic(&name)?;
     let written = pool::run_apart(py, move |_| make()?.write_bundle(&path))?;
     written.map_err(|error| exception(&error))
-}
-
-/// Poses as homogeneous matrices.
-pub(crate) fn matrices<'a, 'py>(
-    py: Python<'py>,
-    poses: impl Iterator<Item = &'a RigidTransform>,
-) -> PyResult<Bound<'py, PyArray3<f64>>> {
-    let mut values = Vec::new();
-    for pose in poses {
-        let translation = pose.translation_m();
-        let axes = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]].map(|a| pose.rotate(a));
-        for row in 0..3 {
-            values.extend([axes[0][row], axes[1][row], axes[2][row], translation[row]]);
-        }
-        values.extend([0.0, 0.0, 0.0, 1.0]);
-    }
-    let count = values.len() / 16;
-    PyArray1::from_vec(py, values).reshape([count, 4, 4])
 }

@@ -19,8 +19,9 @@ use simulation::{AgentState, FrameRequest, TimingConfig, World, WorldConfig};
 use self::autoreset::{Autoreset, Batch};
 use crate::cameras;
 use crate::error::{ActionError, SettingError, StateError, exception};
+use crate::matrices::matrices;
 use crate::pool::{self, Owner};
-use crate::scene::{PyScene, matrices};
+use crate::scene::PyScene;
 use crate::settings;
 
 /// Duration of a step from which a signal ends the wait for the next one. Below it the thread that

@@ -148,9 +148,9 @@ impl SupportGrid {
         })
     }
 
-    /// Predicted PSNR of what an agent at a position (m) with a yaw (rad) sees, dB: bilinear between
-    /// the points of the grid around it that have a place, linear between headings. 0 where none
-    /// of them has one within 1 m of the position's height.
+    /// Predicted PSNR of what an agent at a position (m) with a yaw (rad) sees, dB: bilinear
+    /// between the points of the grid around it that have a place, linear between headings. 0
+    /// where none of them has one within 1 m of the position's height.
     pub fn psnr_db(&self, position_m: [f64; 3], yaw_rad: f64) -> f64 {
         let Places {
             cell_m,

@@ -8,7 +8,7 @@ use crate::agent::{AgentConfig, Drive};
 use crate::camera::{CameraConfig, TimingConfig};
 use crate::episode::{EndConfig, RandomizationConfig, RewardConfig, StartConfig, TaskConfig};
 use crate::error::{SimulationError, check_range};
-use crate::support::SupportConfig;
+use crate::support::config::SupportConfig;
 
 /// Everything that determines a world besides its scene.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

@@ -11,11 +11,11 @@ use crate::SimulationError;
 use crate::agent::AgentState;
 use crate::camera::nanoseconds;
 use crate::episode::start::candidates::Candidates;
-use crate::episode::task::Task;
-use crate::episode::task::goals::{self, Goal};
+use crate::episode::task::goals::Goal;
 use crate::reference_poses::{Deviation, DeviationConfig};
 use crate::scene::{Place, SceneData};
-use crate::support::{self, SupportGrid};
+use crate::support::config::check_scene;
+use crate::support::grid::SupportGrid;
 
 /// What all environments share.
 #[derive(Debug)]
@@ -46,7 +46,7 @@ impl Shared {
     pub(crate) fn new(scene: Arc<SceneData>, config: WorldConfig) -> Result<Self, SimulationError> {
         config.check()?;
         if let Some((name, found, _)) = config.predicts_support() {
-            support::check_scene(&scene, name, &found)?;
+            check_scene(&scene, name, &found)?;
         }
         let terrains = terrains(&scene, &config)?;
         let candidates = Candidates::new(&terrains, config.start.min_clearance_m);
@@ -64,26 +64,6 @@ impl Shared {
             terrains,
             candidates,
         })
-    }
-
-    /// Makes what the first reset makes, or the restoring of a snapshot before it: goals, and
-    /// predictions of the PSNR with a callback of how many of all images are judged.
-    ///
-    /// # Errors
-    /// Those of the goals and of [`SupportGrid::new`].
-    pub(crate) fn prepare(
-        &mut self,
-        progress: &(dyn Fn(usize, usize) + Sync),
-    ) -> Result<(), SimulationError> {
-        if let Some((.., config)) = self.config.predicts_support()
-            && self.support.is_empty()
-        {
-            self.support = support::grids(self, &config, progress)?;
-        }
-        if self.goals.is_empty() && self.config.task.task == Task::PointGoal {
-            self.goals = goals::draw::draw_all(self)?;
-        }
-        Ok(())
     }
 
     /// Deviation of a camera from recorded ones as its limits count it; `None` without any.

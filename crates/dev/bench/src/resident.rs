@@ -48,7 +48,7 @@ impl Samples {
             .collect()
     }
 
-    /// Slope of the memory without the first tenth, bytes per unit, of which there are so many
+    /// Slope of the memory without the first tenth, bytes per unit, given the number of units
     /// between two samples.
     pub(crate) fn bytes_per_unit(&self, units_per_sample: f64) -> f64 {
         let points: Vec<(f64, f64)> = self

@@ -8,8 +8,8 @@
 //! not depend on the speed of the machine.
 //!
 //! Views at borders may cost more than others without any change; *usual* frames, whose median is
-//! what frames at changes are compared with, are those of the plain way alone. Other frames of the
-//! way to and fro are stated apart.
+//! what frames at changes are compared with, are those of the plain route alone. Other frames of
+//! the route to and fro are stated apart.
 
 use std::f64::consts::FRAC_PI_2;
 use std::sync::Arc;
@@ -107,7 +107,7 @@ pub(super) fn measure(recorded: Option<&Arc<SceneData>>, quick: bool) -> Result<
     }))
 }
 
-/// The route with so many passes at each border that there are enough frames at changes. Cold
+/// The route, repeated at each border until there are enough frames at changes. Cold
 /// changes take long, and each costs the same: none is repeated.
 fn frames_of(
     scene: &Arc<SceneData>,

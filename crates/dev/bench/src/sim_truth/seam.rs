@@ -244,7 +244,7 @@ struct Crossing {
     /// The pose before, and that after it.
     first_from_rig: RigidTransform,
     second_from_rig: RigidTransform,
-    /// Distance from a pose of the path to where the way back leads over the edge again, m.
+    /// Distance from a pose of the path to where the path in reverse leads over the edge again, m.
     there_and_back_m: f64,
 }
 
@@ -271,7 +271,7 @@ impl Crossing {
             time_ns: poses[number].time_ns,
             first_from_rig: poses[number].world_from_rig,
             second_from_rig,
-            there_and_back_m: back.context("the way back stays in the other sector")?,
+            there_and_back_m: back.context("the path in reverse never leaves the other sector")?,
         })
     }
 }

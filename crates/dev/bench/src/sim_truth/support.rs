@@ -1,7 +1,7 @@
 //! The predicted PSNR of what agents see, against the truth.
 //!
-//! Agents stand where episodes start: anywhere on the ground within 3 m of the recorded path, facing
-//! anywhere. No such view is one of the training, and the constants of the prediction come from
+//! Agents stand where episodes start: anywhere on the ground within 3 m of the recorded path, with
+//! any heading. No such view is one of the training, and the constants of the prediction come from
 //! other walks.
 
 use std::sync::Arc;
@@ -81,20 +81,7 @@ pub(super) fn measure(walk: Walk, quick: bool) -> Result<Value> {
     };
     let scene = Arc::new(SceneData::new("walk", vec![sector])?);
     let grids = if quick { &GRIDS[..1] } else { &GRIDS[..] };
-    let worlds = grids.iter().map(|(cell_m, headings)| {
-        let mut support = SupportConfig::default();
-        (support.cell_m, support.headings) = (*cell_m, *headings);
-        let mut config = WorldConfig {
-            environments: if quick { QUICK_AGENTS } else { AGENTS },
-            seed: SEED,
-            support: Some(support),
-            ..WorldConfig::default()
-        };
-        config.task.task = Task::Velocity;
-        let mut world = World::new(scene.clone(), config)?;
-        world.reset(None, None)?;
-        anyhow::Ok(world)
-    });
+    let worlds = grids.iter().map(|grid| world(&scene, *grid, quick));
     let worlds: Vec<World> = worlds.collect::<Result<_>>()?;
     let agents: Vec<usize> = (0..worlds[0].environments()).collect();
     let samples: Result<Vec<Sample>> = agents
@@ -151,6 +138,22 @@ pub(super) fn measure(walk: Walk, quick: bool) -> Result<Value> {
         "grids": grids.collect::<Vec<_>>(),
         "samples": rows.collect::<Vec<_>>(),
     }))
+}
+
+/// Agents at the starts of episodes, with predictions of a grid.
+fn world(scene: &Arc<SceneData>, (cell_m, headings): (f64, usize), quick: bool) -> Result<World> {
+    let mut support = SupportConfig::default();
+    (support.cell_m, support.headings) = (cell_m, headings);
+    let mut config = WorldConfig {
+        environments: if quick { QUICK_AGENTS } else { AGENTS },
+        seed: SEED,
+        support: Some(support),
+        ..WorldConfig::default()
+    };
+    config.task.task = Task::Velocity;
+    let mut world = World::new(scene.clone(), config)?;
+    world.reset(None, None)?;
+    Ok(world)
 }
 
 fn mean(samples: &[Sample], of: impl Fn(&Sample) -> f64) -> f64 {

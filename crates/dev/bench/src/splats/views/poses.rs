@@ -10,7 +10,8 @@ use crate::terrain::walks::transform;
 
 impl WalkViews {
     /// The same with estimated poses of the rig, which are in a frame of their own, and with those
-    /// keyframes alone that lie between them. What is rendered as truth is no longer of these views.
+    /// keyframes alone that lie between them. What is rendered as truth is no longer of these
+    /// views.
     #[must_use]
     pub(crate) fn with_poses(mut self, world_from_rig: Vec<(i64, RigidTransform)>) -> Self {
         let estimated = Truth::Measured(world_from_rig);
