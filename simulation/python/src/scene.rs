@@ -3,8 +3,7 @@
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use cad_transforms::RigidTransform;
-use numpy::{PyArray1, PyArray3, PyArrayMethods};
+use numpy::PyArray3;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use simulation::testing::SyntheticScene;
