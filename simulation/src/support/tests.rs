@@ -5,6 +5,7 @@ use std::sync::Mutex;
 use super::*;
 use crate::agent::AgentState;
 use crate::episode::task::Task;
+use crate::scene::SceneData;
 use crate::testing::SyntheticScene;
 use crate::world::tests::{config, room};
 use crate::{World, WorldConfig};

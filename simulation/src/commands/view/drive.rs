@@ -100,7 +100,7 @@ mod tests {
         let path = folder.path().join("room.scene");
         let room = SyntheticScene::room().unwrap();
         room.write_bundle(&path).unwrap();
-        let mut drive = Drive::new(Walk::open(&path, 0).unwrap());
+        let mut drive = Drive::new(Walk::open(&path, 0, 0.0).unwrap());
         let wearer = Control {
             wearer: true,
             ..Control::default()
