@@ -6,8 +6,8 @@
 //! interpolated, a look-up in a table.
 //!
 //! Contract: a function of scene, mount of the camera, agent and [`SupportConfig`], on any number
-//! of threads. Where an agent cannot stand, or more than 1 m above or below, the prediction is
-//! 0 dB. Pitch and roll are those of an agent at rest on the ground; others are not in it.
+//! of threads. Where no place is around, or it is more than 1 m above or below, the prediction
+//! is 0 dB. Pitch and roll are those of an agent at rest on the ground; others are not in it.
 
 pub(crate) mod config;
 pub(crate) mod grid;
@@ -29,6 +29,9 @@ use crate::error::SimulationError;
 use crate::world::shared::Shared;
 use grid::{Node, Places};
 
+/// Distance beyond which an agent has left a sector, up to which the sector has places, m: those
+/// around the last positions in it.
+const MARGIN_M: f64 = 1.0;
 /// Size of the images, px.
 const SIZE: [u32; 2] = [48, 36];
 
@@ -54,7 +57,8 @@ fn grid(
     progress: &(dyn Fn(usize, usize) + Sync),
 ) -> Result<SupportGrid, SimulationError> {
     let terrain = &shared.terrains[sector];
-    let places = Places::new(&terrain.ground, &terrain.area, config.cell_m);
+    let is_of_sector = |at_m| !shared.scene.is_left(sector, at_m, MARGIN_M);
+    let places = Places::new(&terrain.ground, is_of_sector, config.cell_m);
     let Some(judge) = Judge::new(shared, sector, config)? else {
         return Ok(SupportGrid::new(places, config.headings, Vec::new()));
     };

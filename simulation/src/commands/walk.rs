@@ -91,7 +91,11 @@ impl Walk {
             })
             .collect();
         map.path(&path_m);
-        let wearer = Playback::of(&scene.sectors[0].recording);
+        // Times of several recordings have nothing to do with each other.
+        let recording = &scene.sectors[0].recording;
+        let mut sectors = scene.sectors.iter();
+        let is_one = sectors.all(|sector| Arc::ptr_eq(&sector.recording, recording));
+        let wearer = is_one.then(|| Playback::of(recording)).flatten();
         let recorded_ns = wearer.and_then(|wearer| wearer.range_ns());
         let store = Arc::new(GaussianStore::new(
             Arc::clone(&scene),
@@ -112,6 +116,11 @@ impl Walk {
             recorded_ns,
             wearer_ns: None,
         };
+        walk.world.prepare(&|done, count| {
+            if 10 * done / count > 10 * (done - 1) / count {
+                log::info!("predicted the PSNR of {done} of {count} images");
+            }
+        })?;
         walk.world.reset(None, None)?;
         Ok(walk)
     }
@@ -245,8 +254,14 @@ impl Walk {
                 result.deviation_rad[0].to_degrees()
             );
         }
-        if let Some(judge) = &self.judge {
-            text += &judge.quality(&self.world)?;
+        // What decides ends, where something is decided by it.
+        let predicted_db = match &self.judge {
+            _ if !self.world.support().is_empty() => Some(result.support_db[0]),
+            Some(judge) => Some(judge.psnr_db(&self.world)?),
+            None => None,
+        };
+        if let Some(psnr_db) = predicted_db {
+            text += &format!("; PSNR {psnr_db:.0} dB predicted");
         }
         Ok(text)
     }
@@ -282,12 +297,12 @@ impl Judge {
         }))
     }
 
-    /// Predicted quality of what the agent sees.
-    fn quality(&self, world: &World) -> Result<String> {
+    /// Predicted PSNR of what the agent sees, dB.
+    fn psnr_db(&self, world: &World) -> Result<f32> {
         let (sector, world_from_camera) = world.world_from_camera(0);
         let camera = Camera::new(self.camera.model, world_from_camera.inverse())?;
         let content = self.store.content(sector)?;
         let found = (self.observed).confidence(&self.renderer, &content.exact, &camera)?;
-        Ok(format!("; PSNR {:.0} dB predicted", found.psnr_db))
+        Ok(found.psnr_db)
     }
 }

@@ -33,6 +33,12 @@ impl SceneData {
         (margin_m > self.crossing.hysteresis_m).then_some(edge)
     }
 
+    /// Whether a position left its sector by more than a distance, m.
+    pub(crate) fn is_left(&self, sector: usize, at_m: [f64; 3], beyond_m: f64) -> bool {
+        let nearest = self.nearest(&self.sectors[sector], at_m);
+        nearest.is_some_and(|(_, margin_m)| margin_m > self.crossing.hysteresis_m + beyond_m)
+    }
+
     /// The place after all edges that it leads over.
     ///
     /// # Panics

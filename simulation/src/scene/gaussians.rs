@@ -27,13 +27,13 @@ pub struct GaussianSource {
 
 #[derive(Clone)]
 enum Storage {
-    Memory(Arc<Scene>, Observed),
+    Memory(Arc<Scene>, Observation),
     Bundle(Arc<BundleGaussians>),
 }
 
 /// What is known of what was seen of Gaussians in memory.
 #[derive(Clone)]
-enum Observed {
+enum Observation {
     Nothing,
     /// Cameras that recorded them without any error.
     By(Arc<[Camera]>),
@@ -70,24 +70,24 @@ impl GaussianSource {
             count: scene.splats.len(),
             degree: scene.splats.degree(),
             is_compensated,
-            storage: Storage::Memory(Arc::new(scene), Observed::Nothing),
+            storage: Storage::Memory(Arc::new(scene), Observation::Nothing),
         })
     }
 
     /// With what the training saw of Gaussians in memory. Of those in a bundle it is in the bundle.
     #[must_use]
     pub fn with_observed(self, observed: ObservedScene) -> Self {
-        self.with(Observed::Scene(Arc::new(observed)))
+        self.with(Observation::Scene(Arc::new(observed)))
     }
 
     /// With the cameras that recorded Gaussians in memory without any error: what they saw is
     /// gathered when it is needed.
     #[must_use]
     pub(crate) fn recorded_by(self, cameras: Vec<Camera>) -> Self {
-        self.with(Observed::By(cameras.into()))
+        self.with(Observation::By(cameras.into()))
     }
 
-    fn with(mut self, observed: Observed) -> Self {
+    fn with(mut self, observed: Observation) -> Self {
         if let Storage::Memory(_, own) = &mut self.storage {
             *own = observed;
         }
@@ -159,7 +159,7 @@ impl GaussianSource {
     /// Whether it is known what the training saw of them.
     pub fn is_observed(&self) -> bool {
         match &self.storage {
-            Storage::Memory(_, observed) => !matches!(observed, Observed::Nothing),
+            Storage::Memory(_, observed) => !matches!(observed, Observation::Nothing),
             Storage::Bundle(gaussians) => gaussians.record.coverage.is_some(),
         }
     }
@@ -172,9 +172,9 @@ impl GaussianSource {
     /// scene was opened.
     pub fn observed(&self) -> Result<Option<Arc<ObservedScene>>, SimulationError> {
         match &self.storage {
-            Storage::Memory(_, Observed::Nothing) => Ok(None),
-            Storage::Memory(_, Observed::Scene(observed)) => Ok(Some(observed.clone())),
-            Storage::Memory(scene, Observed::By(cameras)) => {
+            Storage::Memory(_, Observation::Nothing) => Ok(None),
+            Storage::Memory(_, Observation::Scene(observed)) => Ok(Some(observed.clone())),
+            Storage::Memory(scene, Observation::By(cameras)) => {
                 let observed = ObservedScene::gather(scene, self.is_compensated, cameras)?;
                 Ok(Some(Arc::new(observed)))
             }

@@ -1,7 +1,8 @@
 //! Writes an import as a folder: a scene bundle for each sector, and a scene file with their areas
 //! and edges.
 //!
-//! Contract: the folder is new and complete, or is not there. Opened, it has the sectors, areas,
+//! Contract: the folder is new and complete, or is not there: it is written beside its place and
+//! renamed. Opened, it has the sectors, areas,
 //! edges, Gaussians and reference poses of the import, and its maps near their sector.
 
 mod crop;
@@ -50,17 +51,32 @@ pub(super) fn write(
         let found = "something that is there already".to_owned();
         return Err(wrong(found, "the path of a new folder"));
     }
-    let writable = "a folder that can be written";
-    fs::create_dir(folder).map_err(|error| wrong(error.to_string(), writable))?;
-    let written = write_all(scene, config, folder, now_civil_ns);
-    if let Err(found) = &written {
-        let error = wrong(found.clone(), writable);
-        if let Err(remains) = fs::remove_dir_all(folder) {
-            log::warn!("removing {}: {remains}", folder.display());
+    let Some(name) = folder.file_name() else {
+        return Err(wrong("no name".to_owned(), "the path of a new folder"));
+    };
+    let partial = folder.with_file_name(format!(".{}.partial", name.display()));
+    let written = write_partial(scene, config, &partial, now_civil_ns)
+        .and_then(|()| fs::rename(&partial, folder).map_err(|error| error.to_string()));
+    written.map_err(|found| {
+        if let Err(remains) = fs::remove_dir_all(&partial) {
+            log::warn!("removing {}: {remains}", partial.display());
         }
-        return Err(error);
+        wrong(found, "a folder that can be written")
+    })
+}
+
+/// Writes a folder in place of what an import that was stopped has left of it.
+fn write_partial(
+    scene: &SceneData,
+    config: &BeogymConfig,
+    partial: &Path,
+    now_civil_ns: i64,
+) -> Result<(), String> {
+    if partial.exists() {
+        fs::remove_dir_all(partial).map_err(|error| error.to_string())?;
     }
-    Ok(())
+    fs::create_dir(partial).map_err(|error| error.to_string())?;
+    write_all(scene, config, partial, now_civil_ns)
 }
 
 fn write_all(

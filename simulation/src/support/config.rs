@@ -51,11 +51,11 @@ pub(crate) fn check_scene(
     name: &str,
     found: &str,
 ) -> Result<(), SimulationError> {
-    let is_observed = |sector: &&crate::scene::Sector| {
+    let is_unknown = |sector: &&crate::scene::Sector| {
         let gaussians = sector.gaussians.as_ref();
         !gaussians.is_some_and(|gaussians| gaussians.is_observed())
     };
-    match scene.sectors.iter().find(is_observed) {
+    match scene.sectors.iter().find(is_unknown) {
         None => Ok(()),
         Some(sector) => Err(SimulationError::Setting {
             name: name.to_owned(),

@@ -1,14 +1,9 @@
 //! Places on the ground of a sector, and a prediction at each in some headings.
 
 use crate::ground::Ground;
-use crate::scene::Area;
 
 /// Height above or below a place at which its prediction no longer holds, m.
 const MAX_HEIGHT_M: f64 = 1.0;
-/// Distance outside of the area of a sector up to which agents in it are, m: more than the
-/// hysteresis of its borders and what is cross-faded there.
-const MARGIN_M: f64 = 1.0;
-
 /// A place on which an agent can stand: of the positions around a point of the grid that nearest to
 /// it.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -30,8 +25,12 @@ pub(super) struct Places {
 }
 
 impl Places {
-    /// Where agents in an area can stand, on all levels.
-    pub(super) fn new(ground: &Ground, area: &Area, cell_m: f64) -> Self {
+    /// Where agents can stand, on all levels, as far as positions (m) are of the sector.
+    pub(super) fn new(
+        ground: &Ground,
+        is_of_sector: impl Fn([f64; 3]) -> bool,
+        cell_m: f64,
+    ) -> Self {
         let levels = ground.levels().iter();
         let boxes = levels.map(|level| (level.grid.corner_m(), level.grid.size_m()));
         let extent = boxes
@@ -55,12 +54,17 @@ impl Places {
             layers: ground.levels().len(),
         };
         for layer in 0..places.layers {
-            places.add_level(ground, area, layer);
+            places.add_level(ground, &is_of_sector, layer);
         }
         places
     }
 
-    fn add_level(&mut self, ground: &Ground, area: &Area, layer: usize) {
+    fn add_level(
+        &mut self,
+        ground: &Ground,
+        is_of_sector: impl Fn([f64; 3]) -> bool,
+        layer: usize,
+    ) {
         let level = &ground.levels()[layer];
         let mut nearest: Vec<Option<(f64, [f64; 3])>> = vec![None; self.size[0] * self.size[1]];
         for cell in 0..level.grid.cells() {
@@ -75,7 +79,7 @@ impl Places {
                 continue;
             };
             let position_m = [at_m[0], at_m[1], surface.height_m];
-            if area.depth_m(position_m) < -MARGIN_M {
+            if !is_of_sector(position_m) {
                 continue;
             }
             let steps = [0, 1].map(|k| (at_m[k] - self.corner_m[k]) / self.cell_m);

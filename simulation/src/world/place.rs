@@ -54,8 +54,8 @@ impl World {
         Ok(())
     }
 
-    /// Puts the agent of an environment where the recorded wearer was at a time of the recording,
-    /// ns, with its velocity. `false` where there is no pose, or no ground below it, and nothing
+    /// Puts the agent of an environment where the recorded wearer was, with its velocity, at a
+    /// time of the recording of the agent's sector, ns. `false` where there is no pose, or no ground below it, and nothing
     /// changed. Steps, path length and rewards are those of [`Self::step`] alone.
     ///
     /// # Errors

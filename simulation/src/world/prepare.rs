@@ -8,7 +8,8 @@ use crate::support;
 
 impl Shared {
     /// Makes what the first reset makes, or the restoring of a snapshot before it: goals, and
-    /// predictions of the PSNR with a callback of how many of all images are judged.
+    /// predictions of the PSNR with a callback of how many images of a sector are judged, and of
+    /// all of it.
     ///
     /// # Errors
     /// Those of the goals and of [`support::grids`].

@@ -8,7 +8,7 @@ columns! {
     /// before a step do not take part in it: reward 0, no flag, everything else as it was.
     ///
     /// All numbers are finite. A deviation of -1 means that the scene has no recorded cameras, a
-    /// support of 0 dB that the world has no support map.
+    /// support of 0 dB may mean that the world predicts none.
     #[derive(Clone, Debug, PartialEq)]
     pub struct StepResult, ResultRows {
         /// Sum of the terms times their weights.

@@ -57,7 +57,7 @@ fn a_written_import_opens_as_it_was_read() {
 }
 
 #[test]
-fn maps_end_8_m_beyond_the_area() {
+fn parts_of_maps_end_beyond_an_area() {
     let (_folder, scene) = imported(6.0);
     let sector = &scene.sectors[0];
     let level = &sector.levels.as_ref().unwrap()[0];
@@ -129,6 +129,13 @@ fn nothing_is_overwritten_and_nothing_is_left_of_a_failure() {
     assert!(again.to_string().contains("there already"), "{again}");
     assert!(again.to_string().contains("yard"), "{again}");
     assert_eq!(fs::read(to.join(IN_FOLDER)).unwrap(), before);
+    // What an import that was stopped left does not hinder the next one.
+    let stopped = folder.path().join(".resumed.partial");
+    fs::create_dir(&stopped).unwrap();
+    fs::write(stopped.join("000.scene"), "half").unwrap();
+    let resumed = folder.path().join("resumed");
+    SceneData::import_beogym(&from, &resumed, &config, 8).unwrap();
+    assert!(resumed.join(IN_FOLDER).exists() && !stopped.exists());
     // A folder of Beogym without a file: its name, and no new folder.
     let other = folder.path().join("other");
     let transform = from.join("sec2/transformation.txt");

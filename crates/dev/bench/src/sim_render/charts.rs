@@ -27,9 +27,6 @@ pub(super) fn draw(report: &Map<String, Value>) -> Vec<(String, String)> {
     if let Some(part) = report.get("memory") {
         drawn.push(("sim_render-memory.svg", memory_chart(part), part));
     }
-    if let Some(part) = report.get("memory") {
-        drawn.push(("sim_render-memory.svg", memory_chart(part), part));
-    }
     if let Some(part) = report.get("changes") {
         drawn.push(("sim_render-changes.svg", changes_chart(part), part));
     }
