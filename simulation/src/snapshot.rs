@@ -13,6 +13,8 @@ mod bytes;
 mod fields;
 mod queue;
 
+use std::ops::ControlFlow;
+
 use bytes::{Reader, Writer, damaged};
 
 use crate::SimulationError;
@@ -94,7 +96,7 @@ impl World {
         let length = reader.u32()? as usize;
         let attachment = reader.bytes(length)?;
         reader.end()?;
-        self.shared.prepare(&|_, _| {})?;
+        self.shared.prepare(&|_, _| ControlFlow::Continue(()))?;
         let is_of_task = match (episode.phase, episode.target, self.shared.config.task.task) {
             (Phase::New, ..) => true,
             (_, Target::Goal { index, .. }, Task::PointGoal) => {

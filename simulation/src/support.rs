@@ -12,6 +12,7 @@
 pub(crate) mod config;
 pub(crate) mod grid;
 
+use std::ops::ControlFlow;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
@@ -38,11 +39,12 @@ const SIZE: [u32; 2] = [48, 36];
 /// Grids of all sectors.
 ///
 /// # Errors
-/// As [`GaussianSource::observed`](crate::GaussianSource::observed).
+/// As [`GaussianSource::observed`](crate::GaussianSource::observed);
+/// [`SimulationError::State`] if the callback ended it.
 pub(crate) fn grids(
     shared: &Shared,
     config: &SupportConfig,
-    progress: &(dyn Fn(usize, usize) + Sync),
+    progress: &(dyn Fn(usize, usize) -> ControlFlow<()> + Sync),
 ) -> Result<Vec<SupportGrid>, SimulationError> {
     let sectors = 0..shared.terrains.len();
     sectors
@@ -54,7 +56,7 @@ fn grid(
     shared: &Shared,
     sector: usize,
     config: &SupportConfig,
-    progress: &(dyn Fn(usize, usize) + Sync),
+    progress: &(dyn Fn(usize, usize) -> ControlFlow<()> + Sync),
 ) -> Result<SupportGrid, SimulationError> {
     let terrain = &shared.terrains[sector];
     let is_of_sector = |at_m| !shared.scene.is_left(sector, at_m, MARGIN_M);
@@ -69,8 +71,12 @@ fn grid(
         let yaw_rad = config.yaw_rad(number % config.headings);
         let psnr_db = judge.psnr_db(&judge.camera_at(shared, sector, node, yaw_rad))?;
         let before = done.fetch_add(1, Ordering::Relaxed);
-        progress(before + 1, count);
-        Ok(psnr_db)
+        match progress(before + 1, count) {
+            ControlFlow::Continue(()) => Ok(psnr_db),
+            ControlFlow::Break(()) => Err(SimulationError::State(
+                "the prediction of the PSNR was ended".to_owned(),
+            )),
+        }
     });
     let predicted: Vec<f32> = predicted.collect::<Result<_, SimulationError>>()?;
     Ok(SupportGrid::new(places, config.headings, predicted))

@@ -21,6 +21,7 @@ pub(crate) mod rows;
 pub(crate) mod shared;
 pub(crate) mod terrain;
 
+use std::ops::ControlFlow;
 use std::sync::Arc;
 
 use cad_transforms::RigidTransform;
@@ -117,7 +118,7 @@ impl World {
                 });
             }
         }
-        self.shared.prepare(&|_, _| {})?;
+        self.shared.prepare(&|_, _| ControlFlow::Continue(()))?;
         let is_reset = |index: usize| mask.is_none_or(|mask| mask[index]);
         let (shared, episodes) = (&self.shared, &self.environments.episode);
         let begin = |(index, begin): (usize, &mut Option<EpisodeStart>)| {
@@ -146,14 +147,14 @@ impl World {
 
     /// Makes what the first reset would make: goals of the task and, where the configuration needs
     /// it, predictions of the PSNR, which take a while. The callback gets the number of images that
-    /// were judged and of all of a sector, from any thread.
+    /// were judged and of all of a sector, from any thread, and may end it; what was made is lost.
     ///
     /// # Errors
     /// [`SimulationError::Start`] if no goals were found, [`SimulationError::Scene`] for files that
-    /// changed since the scene was opened.
+    /// changed since the scene was opened, [`SimulationError::State`] if the callback ended it.
     pub fn prepare(
         &mut self,
-        progress: &(dyn Fn(usize, usize) + Sync),
+        progress: &(dyn Fn(usize, usize) -> ControlFlow<()> + Sync),
     ) -> Result<(), SimulationError> {
         self.shared.prepare(progress)
     }

@@ -1,5 +1,6 @@
 //! An agent in a scene with its camera and a map, for films and the viewer.
 
+use std::ops::ControlFlow;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -120,6 +121,7 @@ impl Walk {
             if 10 * done / count > 10 * (done - 1) / count {
                 log::info!("predicted the PSNR of {done} of {count} images");
             }
+            ControlFlow::Continue(())
         })?;
         walk.world.reset(None, None)?;
         Ok(walk)

@@ -56,7 +56,10 @@ fn places_have_the_prediction_of_their_image() {
     let mut world = world(room());
     assert!(world.support().is_empty());
     let calls = Mutex::new(Vec::new());
-    let progress = |done, count| calls.lock().unwrap().push((done, count));
+    let progress = |done, count| {
+        calls.lock().unwrap().push((done, count));
+        ControlFlow::Continue(())
+    };
     world.prepare(&progress).unwrap();
     let grid = &world.support()[0];
     let nodes: Vec<_> = grid.nodes().collect();
@@ -80,7 +83,7 @@ fn places_have_the_prediction_of_their_image() {
 #[test]
 fn between_places_and_headings_the_prediction_is_interpolated() {
     let mut world = world(room());
-    world.prepare(&|_, _| {}).unwrap();
+    world.prepare(&|_, _| ControlFlow::Continue(())).unwrap();
     let grid = &world.support()[0];
     let nodes: Vec<_> = grid.nodes().collect();
     // Four places around (3, 3) m in the open, at the cells of 4 cm next to their points.
@@ -126,7 +129,7 @@ fn views_along_the_walk_are_predicted_to_be_better_than_those_back() {
         ..SupportConfig::default()
     };
     let mut world = world_with(SyntheticScene::stairs().unwrap().scene, two);
-    world.prepare(&|_, _| {}).unwrap();
+    world.prepare(&|_, _| ControlFlow::Continue(())).unwrap();
     let grid = &world.support()[0];
     let mut differences = Vec::new();
     for node in grid.nodes() {
@@ -145,7 +148,7 @@ fn the_grid_does_not_depend_on_threads() {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
         pool.unwrap().install(|| {
             let mut world = world(room());
-            world.prepare(&|_, _| {}).unwrap();
+            world.prepare(&|_, _| ControlFlow::Continue(())).unwrap();
             let grid = &world.support()[0];
             let values = grid.nodes().flat_map(|node| node.psnr_db.to_vec());
             values.map(f32::to_bits).collect()
@@ -155,9 +158,23 @@ fn the_grid_does_not_depend_on_threads() {
 }
 
 #[test]
+fn the_callback_ends_it_and_the_next_call_begins_again() {
+    let mut world = world(room());
+    let error = world.prepare(&|done, _| match done {
+        3 => ControlFlow::Break(()),
+        _ => ControlFlow::Continue(()),
+    });
+    let error = error.unwrap_err().to_string();
+    assert!(error.contains("was ended"), "{error}");
+    assert!(world.support().is_empty());
+    world.reset(None, None).unwrap();
+    assert_eq!(world.support().len(), 1);
+}
+
+#[test]
 fn both_levels_have_places() {
     let mut bridge = world(SyntheticScene::bridge().unwrap().scene);
-    bridge.prepare(&|_, _| {}).unwrap();
+    bridge.prepare(&|_, _| ControlFlow::Continue(())).unwrap();
     let grid = &bridge.support()[0];
     let [below, above] = [0.0, 2.4].map(|z| grid.psnr_db([12.0, 4.0, z], 0.0));
     assert!(below > 0.0 && above > 0.0 && below != above);
@@ -166,7 +183,7 @@ fn both_levels_have_places() {
 #[test]
 fn each_sector_has_places() {
     let mut corridor = world(crate::testing::corridor().scene.clone());
-    corridor.prepare(&|_, _| {}).unwrap();
+    corridor.prepare(&|_, _| ControlFlow::Continue(())).unwrap();
     assert_eq!(corridor.support().len(), 4);
     for grid in corridor.support() {
         assert!(grid.nodes().count() > 5);

@@ -1,5 +1,7 @@
 //! Exam 6.5: every reason of an end alone and in pairs.
 
+use std::ops::ControlFlow;
+
 use scene_bundle::outputs::grid::Grid;
 use scene_bundle::outputs::maps::{FREE, KNOWN, MapLevel, OCCUPIED, UNKNOWN};
 
@@ -270,7 +272,7 @@ fn the_predicted_psnr_ends_alone() {
         },
     )
     .unwrap();
-    world.prepare(&|_, _| {}).unwrap();
+    world.prepare(&|_, _| ControlFlow::Continue(())).unwrap();
     for yaw_rad in [0.0, 1.3, std::f64::consts::PI] {
         let state = AgentState {
             position_m: [1.0, 1.5, 0.0],

@@ -10,6 +10,7 @@ use crate::support::SupportGrid;
 use crate::support::tests::coarse;
 use scene_bundle::outputs::maps::{FREE, MapLevel};
 use std::collections::BTreeSet;
+use std::ops::ControlFlow;
 
 fn level(scene: &SceneData, sector: usize, level: usize) -> &MapLevel {
     &scene.sectors[sector].levels.as_ref().unwrap()[level]
@@ -207,7 +208,7 @@ fn predictions(scene: &Arc<SceneData>) -> (Vec<SupportGrid>, f64) {
         ..config(1, Task::Velocity)
     };
     let mut world = World::new(scene.clone(), config).unwrap();
-    world.prepare(&|_, _| {}).unwrap();
+    world.prepare(&|_, _| ControlFlow::Continue(())).unwrap();
     let nodes = world.support().iter().flat_map(SupportGrid::nodes);
     let mut all: Vec<f32> = nodes.flat_map(|node| node.psnr_db.to_vec()).collect();
     all.sort_by(f32::total_cmp);

@@ -4,6 +4,8 @@
 //! Held-out views lie on the path. Views at poses of agents have a ground truth only in the
 //! benchmark `sim_truth`, views off the path in `confidence`.
 
+use std::ops::ControlFlow;
+
 use anyhow::{Context, Result};
 use rig_sim::random;
 use serde_json::{Value, json};
@@ -83,7 +85,7 @@ fn grid(scene: &OpenedScene) -> Result<Value> {
         config
     };
     let mut world = World::new(scene.scene.clone(), config(1, true))?;
-    let (made, time) = timed(|| world.prepare(&|_, _| {}));
+    let (made, time) = timed(|| world.prepare(&|_, _| ControlFlow::Continue(())));
     made?;
     let grid = &world.support()[0];
     let places = grid.nodes().count();
