@@ -173,6 +173,16 @@ class Light(unittest.TestCase):
         exposed = self.cameras.render(pose(), 64, 48, exposure={"gain": 0.25})["rgb"]
         np.testing.assert_array_equal(both[1], exposed[0])
 
+    def test_one_value_is_that_of_all_images(self):
+        poses = np.stack([pose(3), pose(4)])
+        one = {"velocity": [1.0, 0.0, 0.2], "rate": [0.0, 0.3, 0.0], "gain": 0.5,
+               "keys": [1, 2, 3], "sectors": 0}
+        settings = {"shutter": {"line_s": 3e-4}, "noise": {"full_well_e": 500.0}}
+        of_all = self.cameras.render(poses, 64, 48, **one, **settings)["rgb"]
+        each = {name: [value, value] for name, value in one.items()}
+        of_each = self.cameras.render(poses, 64, 48, **each, **settings)["rgb"]
+        np.testing.assert_array_equal(of_all, of_each)
+
     def test_noise_follows_its_key(self):
         noise = {"full_well_e": 500.0}
         images = [
@@ -274,8 +284,15 @@ class Checks(unittest.TestCase):
             paws_sim.make(ROOM, camera={"mount": np.eye(4)}, config={"body_from_camera": body})
         cameras = paws_sim.Cameras(ROOM)
         for wrong, pattern in (
-            ({"velocity": np.zeros((2, 3))}, "velocity"),
-            ({"rate": [0.0, 0.0]}, "rate"),
+            ({"velocity": np.zeros((2, 3))}, r"velocity: found shape \(2, 3\), expected \(1, 3\)"),
+            ({"velocity": 1.0}, r"velocity: found shape \(\), expected \(1, 3\)"),
+            ({"velocity": np.zeros((1, 1))}, r"velocity: found shape \(1, 1\), expected"),
+            ({"velocity": "fast"}, "velocity"),
+            ({"rate": [0.0, 0.0]}, r"rate: found shape \(2,\), expected"),
+            ({"gain": np.ones((1, 1))}, r"gain: found shape \(1, 1\), expected \(1,\)"),
+            ({"gain": [1.0, 1.0]}, r"gain: found shape \(2,\), expected"),
+            ({"sectors": [0, 0]}, r"sectors: found shape \(2,\), expected"),
+            ({"keys": [[0, 0]]}, r"keys: found shape \(1, 2\), expected"),
             ({"rate": [0.0, 0.0, np.nan]}, "frame 0"),
             ({"gain": 0.0}, "frame 0.*gain"),
         ):
