@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import paws_sim
-from paws_sim import cameras as module
+from paws_sim.cameras import resolved
 
 ROOM = paws_sim.open_scene("synthetic:room")
 SHORT = {"end": {"time_limit_s": 3.0}, "task": {"goals": 4}}
@@ -107,12 +107,12 @@ class Lenses(unittest.TestCase):
             def recording(self, sector):
                 return Recording()
 
-        lens, options = module.resolved(Scene(), {"recorded": "feet/left", "width": 160})
+        lens, options = resolved(Scene(), {"recorded": "feet/left", "width": 160})
         self.assertEqual(lens, (160, 240, 200.0, 201.0, 159.5, 119.5))
         self.assertEqual(json.loads(options), {"distortion": FISHEYE, "shutter": {"line_s": 2e-5}})
         own = {"recorded": "feet/left", "distortion": RADTAN,
                "shutter": {"line_s": 0.0, "blur_poses": 3}}
-        _, options = module.resolved(Scene(), own)
+        _, options = resolved(Scene(), own)
         del own["recorded"]
         self.assertEqual(json.loads(options), own)
 
@@ -295,15 +295,18 @@ class Checks(unittest.TestCase):
             ({"keys": [[0, 0]]}, r"keys: found shape \(1, 2\), expected"),
             ({"rate": [0.0, 0.0, np.nan]}, "frame 0"),
             ({"gain": 0.0}, "frame 0.*gain"),
+            ({"mount": np.eye(4)}, "camera.mount.*only cameras of environments"),
+            ({"timing": "gauss_gym"}, "camera.timing.*only cameras of environments"),
+            ({"mounts": 1}, "camera.mounts.*unknown setting"),
         ):
             with self.subTest(wrong), self.assertRaisesRegex(paws_sim.SettingError, pattern):
                 cameras.render(pose(), 16, 16, **wrong)
         self.assertEqual(cameras.render(pose(), 16, 16)["rgb"].shape, (1, 16, 16, 3))
 
-    def test_a_scene_without_ground_has_no_mount_and_names_what_is_missing(self):
+    def test_a_scene_names_its_cameras_and_refuses_a_sector_that_it_does_not_have(self):
         names = [camera["name"] for camera in ROOM.cameras(0)]
         self.assertEqual(names, ["front/left"])
-        with self.assertRaises(paws_sim.SettingError):
+        with self.assertRaisesRegex(paws_sim.SettingError, "sector: found 3, expected below 1"):
             ROOM.recording(3)
 
 

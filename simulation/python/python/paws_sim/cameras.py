@@ -53,9 +53,10 @@ class Cameras:
 
         Lens: `fov`, the field of view from left to right, rad (90 degrees without any); or `K`, the
         3x3 matrix of intrinsics with pixel centers at integers, or one for each pose (N, 3, 3); or
-        `recorded`, the name of a camera that recorded the scene. `distortion` goes with each of
-        them, such as `{"model": "kannala_brandt4", "k1": 0.02, "k2": 0.0, "k3": 0.0, "k4": 0.0}`.
-        Images are 64x64 without a size, those of a recorded camera as large as it recorded.
+        `recorded`, the name of a camera that recorded the first sector, whose lens images of all
+        sectors then have. `distortion` goes with each of them, such as `{"model":
+        "kannala_brandt4", "k1": 0.02, "k2": 0.0, "k3": 0.0, "k4": 0.0}`. Images are 64x64 without a
+        size, those of a recorded camera as large as it recorded.
 
         `sectors` (N,) are indices of the sectors in whose frames the poses are (0 without). `keys`
         (N, 3) are seed, episode and frame number of the noise of each image. `velocity` and `rate`
@@ -130,8 +131,14 @@ def _cameras(scene, budget_bytes: int) -> Cameras:
 
 def resolved(scene: _core.Scene, camera: Mapping[str, Any]) -> tuple[Lens, str]:
     """Lens of a camera's settings, and all others as JSON. Loads nothing and starts no threads; an
-    error names the setting."""
+    error names the setting. `recorded` is a camera of the first sector, for images of all."""
     options = dict(camera)
+    for name in ("mount", "timing"):
+        if name in options:
+            raise _core.SettingError(
+                f"camera.{name}: found a setting that only cameras of environments have, expected "
+                "none: images of given poses are neither mounted nor late"
+            )
     recorded, fov, K = (options.pop(name, None) for name in ("recorded", "fov", "K"))
     size = [options.pop(edge, None) for edge in ("width", "height")]
     for edge, value in zip(("width", "height"), size):
@@ -157,7 +164,8 @@ def resolved(scene: _core.Scene, camera: Mapping[str, Any]) -> tuple[Lens, str]:
 
 def mount(scene: _core.Scene, camera: Mapping[str, Any]) -> dict[str, Any] | None:
     """`body_from_camera` of a camera's settings for the configuration of a world: `mount`, or where
-    the wearer had the camera `recorded`. None for neither: at the height of the eyes, level."""
+    the wearer had the camera `recorded` in the first sector. None for neither: at the height of the
+    eyes, level."""
     matrix = camera.get("mount")
     if matrix is None:
         if not isinstance(camera.get("recorded"), str):
