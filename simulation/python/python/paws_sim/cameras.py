@@ -110,7 +110,7 @@ class Cameras:
     def render_lens(
         self, poses, sectors, keys, conditions, lens: Lens, options: str
     ) -> dict[str, np.ndarray]:
-        """Images of a lens and options that `resolved` gave; `conditions` (N, 11) as the frames of
+        """Images of a lens and options that `resolved` gave; `conditions` (N, 7) as the frames of
         a world have them, or None."""
         if conditions is not None:
             conditions = np.ascontiguousarray(conditions)
@@ -184,7 +184,7 @@ def _conditions(n: int, velocity, rate, gain) -> np.ndarray | None:
     """What the core renders frames with besides poses; None for cameras at rest."""
     if velocity is None and rate is None and gain is None:
         return None
-    conditions = np.zeros((n, 11))
+    conditions = np.zeros((n, 7))
     conditions[:, 6] = 1.0
     columns = {"velocity": slice(0, 3), "rate": slice(3, 6), "gain": 6}
     for (name, of), values in zip(columns.items(), (velocity, rate, gain)):
