@@ -61,9 +61,9 @@ impl PyCameras {
     /// Renders images at poses `world_from_camera` (optical frames) in sectors. `lens` is width,
     /// height, fx, fy, cx, cy; `options` are JSON with `distortion`, `exposure`, `noise`,
     /// `shutter`, `quality`, `depth`, `far_m` and `max_bytes`. `keys` are seed, episode and frame
-    /// number of each image's noise. `conditions`, shape (N, 11), are velocity, m/s, and angular
-    /// rate, rad/s, of the camera in its own axes, gain of linear light, and deviations of fx, fy,
-    /// cx, cy, px; without them cameras are at rest.
+    /// number of each image's noise. `conditions`, shape (N, 7), are velocity, m/s, and angular
+    /// rate, rad/s, of the camera in its own axes, and gain of linear light; without them cameras
+    /// are at rest.
     ///
     /// Returns `rgb` (N, height, width, 3), `depth` (N, height, width), m, and `has_depth`.
     #[pyo3(signature = (poses, sectors, lens, options, keys, conditions=None))]
@@ -242,7 +242,7 @@ fn requests(
     (0..count).map(request).collect()
 }
 
-/// Motion, gain and lens of each frame.
+/// Motion and gain of each frame.
 fn set_conditions(
     requests: &mut [FrameRequest],
     conditions: &PyReadonlyArray2<'_, f64>,
@@ -258,20 +258,19 @@ fn set_conditions(
         request.velocity_m_s = [row[0], row[1], row[2]];
         request.rate_rad_s = [row[3], row[4], row[5]];
         request.gain = row[6];
-        request.intrinsics_px = [row[7], row[8], row[9], row[10]];
     }
     Ok(())
 }
 
-/// Numbers of a frame besides its pose and the key of its noise.
-pub(crate) const CONDITIONS: usize = 11;
+/// Numbers of a frame besides its pose and the key of its noise. No world sets deviations of the
+/// lens.
+pub(crate) const CONDITIONS: usize = 7;
 
 /// Those numbers, as [`PyCameras::render`] takes them.
 pub(crate) fn conditions(request: &FrameRequest) -> [f64; CONDITIONS] {
     let [vx, vy, vz] = request.velocity_m_s;
     let [rx, ry, rz] = request.rate_rad_s;
-    let [fx, fy, cx, cy] = request.intrinsics_px;
-    [vx, vy, vz, rx, ry, rz, request.gain, fx, fy, cx, cy]
+    [vx, vy, vz, rx, ry, rz, request.gain]
 }
 
 fn closed() -> PyErr {

@@ -2,7 +2,6 @@
 
 use std::sync::{Arc, OnceLock};
 
-use cad_transforms::RigidTransform;
 use cad_transforms::rig::Foot;
 use numpy::{PyArray1, PyArrayMethods};
 use pyo3::prelude::*;
@@ -10,7 +9,7 @@ use pyo3::types::PyDict;
 use simulation::{CameraConfig, Playback, SceneData, Sector};
 
 use crate::error::{SettingError, exception};
-use crate::matrices::matrices;
+use crate::matrices::{matrices, rows};
 use crate::pool;
 
 /// What was recorded of the walk, in the frame of a sector.
@@ -118,16 +117,4 @@ impl PyRecording {
         of.set_item("contacts", (left, right))?;
         Ok(Some(of))
     }
-}
-
-/// A pose as the rows of a homogeneous matrix.
-fn rows(pose: &RigidTransform) -> [[f64; 4]; 4] {
-    let (rotation, translation) = (pose.rotation_rows(), pose.translation_m());
-    std::array::from_fn(|row| match row {
-        3 => [0.0, 0.0, 0.0, 1.0],
-        _ => {
-            let [x, y, z] = [0, 1, 2].map(|column| rotation[3 * row + column]);
-            [x, y, z, translation[row]]
-        }
-    })
 }

@@ -241,7 +241,7 @@ impl PyWorld {
 
     /// The frames that all environments see, which may be late: poses `world_from_camera`, their
     /// sectors, seed, episode and number of each frame, shape (environments, 3), and their
-    /// conditions as `Cameras.render` takes them, shape (environments, 11).
+    /// conditions as `Cameras.render` takes them, shape (environments, 7).
     fn frames<'py>(&self, py: Python<'py>) -> PyResult<PyFrames<'py>> {
         let frames: Vec<_> = self.read(py, |batch| {
             (0..self.environments)

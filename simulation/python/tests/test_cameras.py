@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import paws_sim
-from paws_sim import cameras as module
+from paws_sim.cameras import resolved
 
 ROOM = paws_sim.open_scene("synthetic:room")
 SHORT = {"end": {"time_limit_s": 3.0}, "task": {"goals": 4}}
@@ -107,12 +107,12 @@ class Lenses(unittest.TestCase):
             def recording(self, sector):
                 return Recording()
 
-        lens, options = module.resolved(Scene(), {"recorded": "feet/left", "width": 160})
+        lens, options = resolved(Scene(), {"recorded": "feet/left", "width": 160})
         self.assertEqual(lens, (160, 240, 200.0, 201.0, 159.5, 119.5))
         self.assertEqual(json.loads(options), {"distortion": FISHEYE, "shutter": {"line_s": 2e-5}})
         own = {"recorded": "feet/left", "distortion": RADTAN,
                "shutter": {"line_s": 0.0, "blur_poses": 3}}
-        _, options = module.resolved(Scene(), own)
+        _, options = resolved(Scene(), own)
         del own["recorded"]
         self.assertEqual(json.loads(options), own)
 
@@ -172,6 +172,16 @@ class Light(unittest.TestCase):
         np.testing.assert_array_equal(both[0], self.plain[0])
         exposed = self.cameras.render(pose(), 64, 48, exposure={"gain": 0.25})["rgb"]
         np.testing.assert_array_equal(both[1], exposed[0])
+
+    def test_one_value_is_that_of_all_images(self):
+        poses = np.stack([pose(3), pose(4)])
+        one = {"velocity": [1.0, 0.0, 0.2], "rate": [0.0, 0.3, 0.0], "gain": 0.5,
+               "keys": [1, 2, 3], "sectors": 0}
+        settings = {"shutter": {"line_s": 3e-4}, "noise": {"full_well_e": 500.0}}
+        of_all = self.cameras.render(poses, 64, 48, **one, **settings)["rgb"]
+        each = {name: [value, value] for name, value in one.items()}
+        of_each = self.cameras.render(poses, 64, 48, **each, **settings)["rgb"]
+        np.testing.assert_array_equal(of_all, of_each)
 
     def test_noise_follows_its_key(self):
         noise = {"full_well_e": 500.0}
@@ -274,19 +284,29 @@ class Checks(unittest.TestCase):
             paws_sim.make(ROOM, camera={"mount": np.eye(4)}, config={"body_from_camera": body})
         cameras = paws_sim.Cameras(ROOM)
         for wrong, pattern in (
-            ({"velocity": np.zeros((2, 3))}, "velocity"),
-            ({"rate": [0.0, 0.0]}, "rate"),
+            ({"velocity": np.zeros((2, 3))}, r"velocity: found shape \(2, 3\), expected \(1, 3\)"),
+            ({"velocity": 1.0}, r"velocity: found shape \(\), expected \(1, 3\)"),
+            ({"velocity": np.zeros((1, 1))}, r"velocity: found shape \(1, 1\), expected"),
+            ({"velocity": "fast"}, "velocity"),
+            ({"rate": [0.0, 0.0]}, r"rate: found shape \(2,\), expected"),
+            ({"gain": np.ones((1, 1))}, r"gain: found shape \(1, 1\), expected \(1,\)"),
+            ({"gain": [1.0, 1.0]}, r"gain: found shape \(2,\), expected"),
+            ({"sectors": [0, 0]}, r"sectors: found shape \(2,\), expected"),
+            ({"keys": [[0, 0]]}, r"keys: found shape \(1, 2\), expected"),
             ({"rate": [0.0, 0.0, np.nan]}, "frame 0"),
             ({"gain": 0.0}, "frame 0.*gain"),
+            ({"mount": np.eye(4)}, "camera.mount.*only cameras of environments"),
+            ({"timing": "gauss_gym"}, "camera.timing.*only cameras of environments"),
+            ({"mounts": 1}, "camera.mounts.*unknown setting"),
         ):
             with self.subTest(wrong), self.assertRaisesRegex(paws_sim.SettingError, pattern):
                 cameras.render(pose(), 16, 16, **wrong)
         self.assertEqual(cameras.render(pose(), 16, 16)["rgb"].shape, (1, 16, 16, 3))
 
-    def test_a_scene_without_ground_has_no_mount_and_names_what_is_missing(self):
+    def test_a_scene_names_its_cameras_and_refuses_a_sector_that_it_does_not_have(self):
         names = [camera["name"] for camera in ROOM.cameras(0)]
         self.assertEqual(names, ["front/left"])
-        with self.assertRaises(paws_sim.SettingError):
+        with self.assertRaisesRegex(paws_sim.SettingError, "sector: found 3, expected below 1"):
             ROOM.recording(3)
 
 

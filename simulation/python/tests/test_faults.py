@@ -23,6 +23,12 @@ SHORT = {"end": {"time_limit_s": 1.5}, "task": {"goals": 4}}
 LIMIT_S = 0.1
 
 
+def duration_s(call):
+    begin = time.perf_counter()
+    call()
+    return time.perf_counter() - begin
+
+
 class Usable(unittest.TestCase):
     def setUp(self):
         self.vector = paws_sim.make_vec(ROOM, 3, config=SHORT)
@@ -351,44 +357,66 @@ class Usable(unittest.TestCase):
         done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
         self.assertEqual(done.stdout.strip(), "0", done.stderr)
 
-    def interrupted(self, call):
-        """Seconds from Ctrl-C during a call to its end: the least of some tries, since other
-        programs may hold one of them up. The call is long enough that its own end is no answer."""
-        call()
-        begin = time.perf_counter()
-        call()
-        whole = time.perf_counter() - begin
-        self.assertGreater(whole, 2 * LIMIT_S, "too short to be interrupted")
-        waits = []
+    def answers_ctrl_c(self, call, whole):
+        """Ctrl-C ends a call that takes `whole` seconds long before its own end, in one of four
+        tries: other programs may hold any of them up."""
+        tries = []
         for _ in range(4):
-            sent = []
+            if whole < 4 * LIMIT_S:
+                self.skipTest(f"a call takes {1e3 * whole:.0f} ms, too short to be interrupted")
+            sent, late, is_answered = [], [], threading.Event()
 
             def interrupt():
-                time.sleep(0.2 * whole)
+                if is_answered.wait(0.2 * whole):
+                    return
                 sent.append(time.perf_counter())
                 os.kill(os.getpid(), signal.SIGINT)
+                late.append(time.perf_counter() - sent[0])
+                # How late sleeps end that have nothing to do with the call.
+                while not is_answered.is_set():
+                    late.append(duration_s(lambda: time.sleep(0.01)) - 0.01)
 
             thread = threading.Thread(target=interrupt)
+            took = None
+            begin = time.perf_counter()
             thread.start()
-            with self.assertRaises(KeyboardInterrupt):
-                call()
-            waits.append(time.perf_counter() - sent[0])
-            thread.join()
-            if waits[-1] < LIMIT_S:
+            try:
+                with self.assertRaises(KeyboardInterrupt):
+                    call()
+                    took = time.perf_counter() - begin
+                    # The call was over before the signal, which must not come after this block.
+                    time.sleep(60.0)
+            finally:
+                answer = time.perf_counter()
+                is_answered.set()
+                thread.join()
+            if took is not None:
+                whole = took
+                continue
+            limit = max(LIMIT_S, 0.25 * whole) + max(late)
+            tries.append((answer - sent[0], limit, whole))
+            if tries[-1][0] <= limit:
                 break
-        print(f"Ctrl-C answered after {1e3 * min(waits):.0f} ms of {1e3 * whole:.0f}")
-        return min(waits)
+        self.assertTrue(tries, "each call was over before the signal")
+        wait, limit, whole = (1e3 * value for value in tries[-1])
+        print(f"Ctrl-C answered after {wait:.0f} ms of {whole:.0f}, limit {limit:.0f}")
+        self.assertLessEqual(wait, limit)
 
     def test_ctrl_c_ends_images(self):
         cameras = paws_sim.Cameras(ROOM)
         pose = ROOM.reference_poses(0)[0]
-        begin = time.perf_counter()
-        cameras.render(np.tile(pose, (8, 1, 1)), 256, 256, quality="exact")
-        each = (time.perf_counter() - begin) / 8
         # More than is rendered between two looks, so that the wait is ended and not the work.
-        poses = np.tile(pose, (max(64, int(10 * LIMIT_S / each)), 1, 1))
-        wait = self.interrupted(lambda: cameras.render(poses, 256, 256, quality="exact"))
-        self.assertLess(wait, LIMIT_S)
+        count = 64
+
+        def render():
+            cameras.render(np.tile(pose, (count, 1, 1)), 256, 256, quality="exact")
+
+        # The first call loads Gaussians and starts threads.
+        render()
+        # At most 1 GB of images.
+        while (whole := duration_s(render)) < 1.0 and count < 2048:
+            count *= 2
+        self.answers_ctrl_c(render, whole)
         self.assertEqual(cameras.render(pose, 16, 16)["rgb"].shape, (1, 16, 16, 3))
 
     def test_ctrl_c_ends_steps_and_resets(self):
@@ -398,15 +426,18 @@ class Usable(unittest.TestCase):
         n = 256
         vector = paws_sim.make_vec(ROOM, n, config=slow, task="velocity")
         vector.reset(seed=0)
-        begin = time.perf_counter()
-        vector.step(np.zeros((n, 2)))
-        took = time.perf_counter() - begin
-        n = int(n * max(1.0, 10 * LIMIT_S / took))
+        took = duration_s(lambda: vector.step(np.zeros((n, 2))))
+        # Memory does not grow with the speed of the machine; a call may be too short then.
+        n = min(4096, int(n * max(1.0, 1.0 / took)))
         vector = paws_sim.make_vec(ROOM, n, config=slow, task="velocity")
         vector.reset(seed=0)
         actions = np.zeros((n, 2))
-        self.assertLess(self.interrupted(lambda: vector.step(actions)), LIMIT_S)
-        self.assertLess(self.interrupted(lambda: vector.reset(seed=1)), LIMIT_S)
+        calls = {"step": lambda: vector.step(actions), "reset": lambda: vector.reset(seed=1)}
+        for name, call in calls.items():
+            # This one also waits for what the last signal left in the background.
+            call()
+            with self.subTest(name):
+                self.answers_ctrl_c(call, duration_s(call))
         # What was interrupted is finished, and the next call has it.
         few = paws_sim.make_vec(ROOM, 3, config=slow, task="velocity")
         few.reset(seed=1)

@@ -62,7 +62,10 @@ pub(crate) fn test([maturin, python]: &[PathBuf; 2]) -> Result<String> {
             test_physics(&readers)?;
             "its physics with MuJoCo"
         }
-        Err(_) => "its physics left out, without MuJoCo",
+        Err(reason) => {
+            println!("left out, the tests of its physics: {reason:#}");
+            "its physics left out, without MuJoCo"
+        }
     };
     let fresh = fresh::check(&wheel)?;
     Ok(format!(

@@ -53,18 +53,22 @@ class Cameras:
 
         Lens: `fov`, the field of view from left to right, rad (90 degrees without any); or `K`, the
         3x3 matrix of intrinsics with pixel centers at integers, or one for each pose (N, 3, 3); or
-        `recorded`, the name of a camera that recorded the scene. `distortion` goes with each of
-        them, such as `{"model": "kannala_brandt4", "k1": 0.02, "k2": 0.0, "k3": 0.0, "k4": 0.0}`.
-        Images are 64x64 without a size, those of a recorded camera as large as it recorded.
+        `recorded`, the name of a camera that recorded the first sector, whose lens images of all
+        sectors then have. `distortion` goes with each of them, such as `{"model":
+        "kannala_brandt4", "k1": 0.02, "k2": 0.0, "k3": 0.0, "k4": 0.0}`. Images are 64x64 without a
+        size, those of a recorded camera as large as it recorded.
 
-        `sectors` are indices of the sectors in whose frames the poses are (0 without). `keys`
+        `sectors` (N,) are indices of the sectors in whose frames the poses are (0 without). `keys`
         (N, 3) are seed, episode and frame number of the noise of each image. `velocity` and `rate`
         (N, 3) are the motion of each camera in its own axes, m/s and rad/s, for `shutter`; `gain`
-        (N,) is one of linear light for each image.
+        (N,) is one of linear light for each image. Without the first axis they are those of all
+        images.
 
         Other settings: `exposure` (`gain`, `white_balance`, `gamma`), `noise` (`full_well_e`,
-        `readout_e`), `shutter` (`line_s`, `exposure_s`, `blur_poses`), `quality` ("exact",
-        "detail"), `depth` ("median", "expected"), `far_m`, `max_bytes`.
+        `readout_e`), `variation` (ranges `gain` and `focal_scale`, drawn for each seed and episode
+        of `keys`), `shutter` (`line_s`, `exposure_s`, `blur_poses`), `quality` ("exact",
+        "detail"), `depth` ("median", "expected"), `far_m`, `max_bytes`. `mount` and `timing` are of
+        the cameras of environments alone.
 
         Returns `rgb` u8 (N, height, width, 3), `depth` f32 (N, height, width) along the optical
         axis, m, `far_m` where no surface is, and `has_depth`.
@@ -77,8 +81,8 @@ class Cameras:
                 f"world_from_camera: found shape {poses.shape}, expected (N, 4, 4)"
             )
         n = len(poses)
-        sectors = np.zeros(n, np.int64) if sectors is None else np.asarray(sectors, np.int64)
-        keys = np.zeros((n, 3), np.uint64) if keys is None else np.asarray(keys, np.uint64)
+        sectors = _of_images("sectors", 0 if sectors is None else sectors, n, (), np.int64)
+        keys = _of_images("keys", [0, 0, 0] if keys is None else keys, n, (3,), np.uint64)
         conditions = _conditions(n, velocity, rate, gain)
         K = camera.get("K")
         if K is None or np.ndim(K) != 3:
@@ -106,7 +110,7 @@ class Cameras:
     def render_lens(
         self, poses, sectors, keys, conditions, lens: Lens, options: str
     ) -> dict[str, np.ndarray]:
-        """Images of a lens and options that `resolved` gave; `conditions` (N, 11) as the frames of
+        """Images of a lens and options that `resolved` gave; `conditions` (N, 7) as the frames of
         a world have them, or None."""
         if conditions is not None:
             conditions = np.ascontiguousarray(conditions)
@@ -127,8 +131,14 @@ def _cameras(scene, budget_bytes: int) -> Cameras:
 
 def resolved(scene: _core.Scene, camera: Mapping[str, Any]) -> tuple[Lens, str]:
     """Lens of a camera's settings, and all others as JSON. Loads nothing and starts no threads; an
-    error names the setting."""
+    error names the setting. `recorded` is a camera of the first sector, for images of all."""
     options = dict(camera)
+    for name in ("mount", "timing"):
+        if name in options:
+            raise _core.SettingError(
+                f"camera.{name}: found a setting that only cameras of environments have, expected "
+                "none: images of given poses are neither mounted nor late"
+            )
     recorded, fov, K = (options.pop(name, None) for name in ("recorded", "fov", "K"))
     size = [options.pop(edge, None) for edge in ("width", "height")]
     for edge, value in zip(("width", "height"), size):
@@ -154,7 +164,8 @@ def resolved(scene: _core.Scene, camera: Mapping[str, Any]) -> tuple[Lens, str]:
 
 def mount(scene: _core.Scene, camera: Mapping[str, Any]) -> dict[str, Any] | None:
     """`body_from_camera` of a camera's settings for the configuration of a world: `mount`, or where
-    the wearer had the camera `recorded`. None for neither: at the height of the eyes, level."""
+    the wearer had the camera `recorded` in the first sector. None for neither: at the height of the
+    eyes, level."""
     matrix = camera.get("mount")
     if matrix is None:
         if not isinstance(camera.get("recorded"), str):
@@ -173,17 +184,28 @@ def _conditions(n: int, velocity, rate, gain) -> np.ndarray | None:
     """What the core renders frames with besides poses; None for cameras at rest."""
     if velocity is None and rate is None and gain is None:
         return None
-    conditions = np.zeros((n, 11))
+    conditions = np.zeros((n, 7))
     conditions[:, 6] = 1.0
     columns = {"velocity": slice(0, 3), "rate": slice(3, 6), "gain": 6}
     for (name, of), values in zip(columns.items(), (velocity, rate, gain)):
-        if values is None:
-            continue
-        try:
-            conditions[:, of] = values
-        except (TypeError, ValueError) as error:
-            raise _core.SettingError(f"{name}: {error}") from error
+        if values is not None:
+            shape = conditions[:, of].shape[1:]
+            conditions[:, of] = _of_images(name, values, n, shape, np.float64)
     return conditions
+
+
+def _of_images(name: str, values, n: int, shape: tuple[int, ...], kind: type) -> np.ndarray:
+    """Values of n images, of `shape` for each: one for all of them, or one for each."""
+    try:
+        array = np.asarray(values, kind)
+    except (TypeError, ValueError, OverflowError) as error:
+        raise _core.SettingError(f"{name}: {error}") from error
+    whole = (n, *shape)
+    if array.shape not in (shape, whole):
+        raise _core.SettingError(
+            f"{name}: found shape {array.shape}, expected {whole}, or {shape} for all images"
+        )
+    return np.array(np.broadcast_to(array, whole))
 
 
 def timing(settings) -> dict[str, Any]:

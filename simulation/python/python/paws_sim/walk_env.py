@@ -23,9 +23,10 @@ class WalkEnv(gymnasium.Env):
     - `actions`: `continuous`, `discrete`, or a table (m, components) of components of -1 to 1.
     - `config`: nested settings of the world, such as `{"end": {"time_limit_s": 30.0}}`.
     - `camera`: settings of the images: lens, exposure, noise, shutter, ... as `Cameras.render` has
-      them, and `mount`, a matrix `body_from_camera`. `recorded` names a camera of the rig and takes
-      its mount along. `timing`, settings such as `{"interval_s": [0.1, 0.1], "latency_s": [0.1,
-      0.2]}` or `gauss_gym`, makes images late and gives them a rate; `state` is not late.
+      them, and `mount`, a matrix `body_from_camera`. `recorded` names a camera of the rig of the
+      first sector and takes its mount along. `timing`, settings such as `{"interval_s": [0.1, 0.1],
+      "latency_s": [0.1, 0.2]}` or `gauss_gym`, makes images late and gives them a rate; `state` is
+      not late.
     - `reward`: a callable of `Inputs` that returns one number per environment.
 
     `info` holds numbers with the same keys and types in every step: `end_reason` (`EndReason`),

@@ -1,7 +1,9 @@
 //! The wheel as a user installs it: `pip install FILE` in a fresh environment, which takes what the
 //! wheel depends on from a package index, and then the lines of Python in README.md.
 //!
-//! They run on a scene bundle of a synthetic room, and on the demo's scene where it is there.
+//! They run on a scene bundle of a synthetic room, and on the demo's scene where it is there. The
+//! environment is kept: while the manifest of the package is the same, only the wheel is installed
+//! again, so that nothing is downloaded.
 
 use std::path::Path;
 
@@ -11,39 +13,22 @@ use crate::process::{self, command, root, target_folder};
 
 /// What the lines of README.md open.
 const DEMO: &str = "target/demo/walk.scene";
-/// How an environment of its own is named in messages.
+/// Folder in the target folder.
 const FOLDER: &str = "python-fresh";
+/// What names the packages that the wheel depends on.
+const MANIFEST: &str = "simulation/python/pyproject.toml";
 /// A package without dependencies: whether there is a package index.
 const PROBE: &str = "typing_extensions";
 
-/// Installs a wheel into a fresh environment and runs the lines. The text says on what, or why not;
-/// the environment is removed again.
+/// Installs a wheel and runs the lines. The text says how and on what, or why not.
 pub(super) fn check(wheel: &Path) -> Result<String> {
     let folder = target_folder()?.join(FOLDER);
-    let checked = check_in(&folder, wheel);
-    // Kept after an error, to look at.
-    if checked.is_ok() && folder.exists() {
-        std::fs::remove_dir_all(&folder)
-            .with_context(|| format!("removing {}", folder.display()))?;
-    }
-    checked
-}
-
-fn check_in(folder: &Path, wheel: &Path) -> Result<String> {
-    let environment = folder.join("environment");
-    let mut make = command("python3")?;
-    make.args(["-m", "venv", "--clear"]).arg(&environment);
-    process::run(&mut make).context("making a fresh Python environment")?;
-    let python = environment.join("bin/python");
-    if let Err(error) = process::run(pip(&python)?.arg("install").arg(wheel)) {
-        let mut probe = pip(&python)?;
-        probe.args(["download", "--no-deps", "--dest"]);
-        if process::succeeds(probe.arg(folder).arg(PROBE)) {
-            return Err(error).context("installing the wheel with what it depends on");
-        }
+    let python = folder.join("environment/bin/python");
+    let Some(how) = install(&folder, &python, wheel)? else {
         return Ok("not installed afresh: no package index".to_owned());
-    }
+    };
     let room = folder.join("room.scene");
+    remove(&room)?;
     let mut write = command(&python)?;
     let code = "import sys, paws_sim; paws_sim.write_synthetic('room', sys.argv[1])";
     process::run(write.args(["-I", "-c", code]).arg(&room))?;
@@ -59,7 +44,48 @@ fn check_in(folder: &Path, wheel: &Path) -> Result<String> {
         true => "a synthetic scene and that of the demo",
         false => "a synthetic scene",
     };
-    Ok(format!("installed afresh, README's lines on {on}"))
+    Ok(format!("{how}, README's lines on {on}"))
+}
+
+/// Installs a wheel with what it depends on, or alone where that is there. The text says which;
+/// `None` without a package index.
+fn install(folder: &Path, python: &Path, wheel: &Path) -> Result<Option<&'static str>> {
+    let manifest = root()?.join(MANIFEST);
+    let wanted =
+        std::fs::read(&manifest).with_context(|| format!("reading {}", manifest.display()))?;
+    let stamp = folder.join("installed-pyproject.toml");
+    let is_kept = std::fs::read(&stamp).is_ok_and(|installed| installed == wanted);
+    if is_kept && process::succeeds(command(python)?.args(["-I", "-c", "import gymnasium, numpy"]))
+    {
+        let mut again = pip(python)?;
+        again.args(["install", "--no-index", "--no-deps", "--force-reinstall"]);
+        process::run(again.arg(wheel)).context("installing the wheel again")?;
+        return Ok(Some("installed again"));
+    }
+    remove(folder)?;
+    let mut make = command("python3")?;
+    make.args(["-m", "venv"]).arg(folder.join("environment"));
+    process::run(&mut make).context("making a fresh Python environment")?;
+    if let Err(error) = process::run(pip(python)?.arg("install").arg(wheel)) {
+        let mut probe = pip(python)?;
+        probe.args(["download", "--no-deps", "--dest"]);
+        if process::succeeds(probe.arg(folder).arg(PROBE)) {
+            return Err(error).context("installing the wheel with what it depends on");
+        }
+        return Ok(None);
+    }
+    std::fs::write(&stamp, wanted).with_context(|| format!("writing {}", stamp.display()))?;
+    Ok(Some("installed afresh"))
+}
+
+/// Removes a folder, which may not exist.
+fn remove(folder: &Path) -> Result<()> {
+    match std::fs::remove_dir_all(folder) {
+        Err(error) if error.kind() != std::io::ErrorKind::NotFound => {
+            Err(error).with_context(|| format!("removing {}", folder.display()))
+        }
+        _ => Ok(()),
+    }
 }
 
 fn pip(python: &Path) -> Result<std::process::Command> {
