@@ -3,6 +3,7 @@
 mod arrays;
 mod autoreset;
 
+use std::ops::ControlFlow;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, TryLockError};
 use std::time::{Duration, Instant};
@@ -134,9 +135,22 @@ impl PyWorld {
     ) -> PyResult<()> {
         self.owner.check("the world")?;
         let mask = mask.map(|mask| mask.as_array().to_vec());
-        self.work(py, true, move |batch| {
-            batch.reset(mask.as_deref(), seeds.as_deref())
-        })
+        drop(self.lock(py)?);
+        let batch = self.batch.clone();
+        let work = move |is_cancelled: &AtomicBool| {
+            locked(&batch).as_mut().map(|batch| {
+                // Predictions of the PSNR take long; a signal ends them.
+                batch
+                    .world
+                    .prepare(&|_, _| match is_cancelled.load(Ordering::Relaxed) {
+                        false => ControlFlow::Continue(()),
+                        true => ControlFlow::Break(()),
+                    })?;
+                batch.reset(mask.as_deref(), seeds.as_deref())
+            })
+        };
+        let done = pool::run_long(py, work)?;
+        done.ok_or_else(closed)?.map_err(|error| exception(&error))
     }
 
     /// Advances all environments, with an autoreset of 0 (the step after the end), 1 (in the same
