@@ -139,8 +139,9 @@ class WalkEnv(gymnasium.Env):
         return self._simulator.film()[0]
 
     def play(self, time_ns: int) -> bool:
-        """Puts the agent where the recorded wearer was at a time of `scene.recording(0)`, ns. False
-        where there is no pose above known ground; nothing changed then. `observe` shows it."""
+        """Puts the agent where the recorded wearer was at a time, ns, of the recording of the
+        agent's sector. False where there is no pose above known ground; nothing changed then.
+        `observe` shows it."""
         return self._simulator.world.play(0, time_ns)
 
     def observe(self):

@@ -228,8 +228,9 @@ class WalkVectorEnv(gymnasium.vector.VectorEnv):
         return self._simulator.world.camera_poses()
 
     def play(self, environment: int, time_ns: int) -> bool:
-        """Puts an agent where the recorded wearer was at a time of `scene.recording(0)`, ns. False
-        where there is no pose above known ground; nothing changed then. `observe` shows it."""
+        """Puts an agent where the recorded wearer was at a time, ns, of the recording of the
+        agent's sector. False where there is no pose above known ground; nothing changed then.
+        `observe` shows it."""
         return self._simulator.world.play(environment, time_ns)
 
     def observe(self):
