@@ -55,8 +55,9 @@ impl World {
     }
 
     /// Puts the agent of an environment where the recorded wearer was, with its velocity, at a
-    /// time of the recording of the agent's sector, ns. `false` where there is no pose, or no ground below it, and nothing
-    /// changed. Steps, path length and rewards are those of [`Self::step`] alone.
+    /// time of the recording of the agent's sector, ns. `false` where there is no pose, or no
+    /// ground below it, and nothing changed. Steps, path length and rewards are those of
+    /// [`Self::step`] alone.
     ///
     /// # Errors
     /// [`SimulationError::Scene`] for a sector without a trajectory; those of [`Self::place`].
