@@ -10,8 +10,8 @@ use clap::{Arg, Command};
 
 /// Names of values that say what a number is: `N` is a count or another plain number, `X` a factor;
 /// the others are units.
-const UNITS: [&str; 11] = [
-    "N", "X", "SECONDS", "MS", "US", "HZ", "MM", "MB", "DEGREES", "PERCENT", "PIXELS",
+const UNITS: [&str; 12] = [
+    "N", "X", "DB", "SECONDS", "MS", "US", "HZ", "MM", "MB", "DEGREES", "PERCENT", "PIXELS",
 ];
 
 /// Units as help texts write them.
