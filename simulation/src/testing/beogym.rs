@@ -12,7 +12,7 @@ const ROWS: [[f64; 3]; 3] = [[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]]
 
 /// Writes two sectors along x of the LiDAR frame (y up), the second one `second_m` beyond the
 /// first, each with two Gaussians and two cameras 2 m apart at 1 m above the ground, and a
-/// [map](map).
+/// [`map`].
 ///
 /// # Errors
 /// Those of writing.
