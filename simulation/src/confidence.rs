@@ -83,7 +83,7 @@ impl ObservedScene {
     ///
     /// # Errors
     /// [`SimulationError::Scene`] for a scene that cannot be rendered.
-    pub fn gather(
+    pub(crate) fn gather(
         scene: &Scene,
         is_compensated: bool,
         cameras: &[Camera],

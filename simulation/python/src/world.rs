@@ -135,22 +135,16 @@ impl PyWorld {
     ) -> PyResult<()> {
         self.owner.check("the world")?;
         let mask = mask.map(|mask| mask.as_array().to_vec());
-        drop(self.lock(py)?);
-        let batch = self.batch.clone();
-        let work = move |is_cancelled: &AtomicBool| {
-            locked(&batch).as_mut().map(|batch| {
-                // Predictions of the PSNR take long; a signal ends them.
-                batch
-                    .world
-                    .prepare(&|_, _| match is_cancelled.load(Ordering::Relaxed) {
-                        false => ControlFlow::Continue(()),
-                        true => ControlFlow::Break(()),
-                    })?;
-                batch.reset(mask.as_deref(), seeds.as_deref())
-            })
-        };
-        let done = pool::run_long(py, work)?;
-        done.ok_or_else(closed)?.map_err(|error| exception(&error))
+        self.work(py, true, move |batch, is_cancelled| {
+            // Predictions of the PSNR take long; a signal ends them.
+            batch
+                .world
+                .prepare(&|_, _| match is_cancelled.load(Ordering::Relaxed) {
+                    false => ControlFlow::Continue(()),
+                    true => ControlFlow::Break(()),
+                })?;
+            batch.reset(mask.as_deref(), seeds.as_deref())
+        })
     }
 
     /// Advances all environments, with an autoreset of 0 (the step after the end), 1 (in the same
@@ -173,7 +167,7 @@ impl PyWorld {
         }
         let actions: Vec<f64> = actions.as_array().iter().copied().collect();
         let is_long = self.is_long.load(Ordering::Relaxed);
-        let took = self.work(py, is_long, move |batch| {
+        let took = self.work(py, is_long, move |batch, _| {
             #[expect(
                 clippy::disallowed_methods,
                 reason = "how long it takes decides how it is waited for, and no result"
@@ -307,7 +301,7 @@ impl PyWorld {
             level,
             is_on_ground: true,
         };
-        self.work(py, false, move |batch| {
+        self.work(py, false, move |batch, _| {
             batch.world.place(environment, sector, &state)
         })
     }
@@ -316,7 +310,7 @@ impl PyWorld {
     /// has no pose above known ground, and nothing changed.
     fn play(&self, py: Python<'_>, environment: usize, time_ns: i64) -> PyResult<bool> {
         self.owner.check("the world")?;
-        self.work(py, false, move |batch| {
+        self.work(py, false, move |batch, _| {
             batch.world.play(environment, time_ns)
         })
     }
@@ -340,7 +334,7 @@ impl PyWorld {
         snapshot: Vec<u8>,
     ) -> PyResult<Bound<'py, PyBytes>> {
         self.owner.check("the world")?;
-        let attachment = self.work(py, true, move |batch| {
+        let attachment = self.work(py, true, move |batch, _| {
             let attachment = batch.world.restore(environment, &snapshot)?.to_vec();
             batch.restored(environment);
             Ok(attachment)
@@ -379,14 +373,19 @@ impl PyWorld {
         &self,
         py: Python<'_>,
         is_long: bool,
-        work: impl FnOnce(&mut Batch) -> Result<T, simulation::SimulationError> + Send + 'static,
+        work: impl FnOnce(&mut Batch, &AtomicBool) -> Result<T, simulation::SimulationError>
+        + Send
+        + 'static,
     ) -> PyResult<T> {
         drop(self.lock(py)?);
         let batch = self.batch.clone();
-        let work = move || locked(&batch).as_mut().map(work);
+        let work = move |is_cancelled: &AtomicBool| {
+            let mut batch = locked(&batch);
+            batch.as_mut().map(|batch| work(batch, is_cancelled))
+        };
         let done = match is_long {
-            true => pool::run_long(py, move |_| work())?,
-            false => pool::run(py, work)?,
+            true => pool::run_long(py, work)?,
+            false => pool::run(py, move || work(&AtomicBool::new(false)))?,
         };
         done.ok_or_else(closed)?.map_err(|error| exception(&error))
     }

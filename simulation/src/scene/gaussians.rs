@@ -168,8 +168,8 @@ impl GaussianSource {
     /// known.
     ///
     /// # Errors
-    /// [`SimulationError::Bundle`] and [`SimulationError::Scene`] where files changed since the
-    /// scene was opened.
+    /// [`SimulationError::Scene`] with sector and file where files changed since the scene was
+    /// opened.
     pub fn observed(&self) -> Result<Option<Arc<ObservedScene>>, SimulationError> {
         match &self.storage {
             Storage::Memory(_, Observation::Nothing) => Ok(None),

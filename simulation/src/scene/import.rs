@@ -2,8 +2,8 @@
 //! and edges.
 //!
 //! Contract: the folder is new and complete, or is not there: it is written beside its place and
-//! renamed. Opened, it has the sectors, areas,
-//! edges, Gaussians and reference poses of the import, and its maps near their sector.
+//! renamed. Opened, it has the sectors, areas, edges, Gaussians and reference poses of the import,
+//! and its maps near their sector.
 
 mod crop;
 
