@@ -103,6 +103,11 @@ impl ObservedScene {
         Ok(Self::new(coverage.map_err(|error| cannot_judge(&error))?))
     }
 
+    /// What was gathered.
+    pub(crate) fn coverage(&self) -> &Coverage {
+        &self.coverage
+    }
+
     /// The confidence of an image of a camera. It is a slower pass than rendering; images of some
     /// ten thousand pixels are enough for a verdict.
     ///

@@ -6,15 +6,18 @@
 
 pub mod beogym;
 mod bundle;
+mod depth;
 pub(crate) mod levels;
 mod surfaces;
 mod walk;
 
 use std::sync::Arc;
 
+use cad_transforms::RigidTransform;
 use nalgebra::{UnitQuaternion, Vector3};
 use splats::{Background, Scene};
 
+pub use depth::DepthErrors;
 pub use surfaces::{Patch, Surfaces};
 
 use crate::error::SimulationError;
@@ -207,13 +210,7 @@ impl SyntheticScene {
     /// # Errors
     /// [`SimulationError::Scene`] for a distance that is not above 0.
     pub fn corridor_loop_with(spacing_m: f64) -> Result<Self, SimulationError> {
-        if !(spacing_m > 0.0 && spacing_m.is_finite()) {
-            return Err(SimulationError::Scene {
-                place: "Gaussians of a synthetic scene".to_owned(),
-                found: format!("a distance of {spacing_m} m"),
-                expected: "a number above 0".to_owned(),
-            });
-        }
+        check_spacing(spacing_m)?;
         let (size, width, t) = (12.0, 2.0, 4.0 * CELL_M);
         let mut world = Surfaces::default();
         let inner = size - width;
@@ -284,6 +281,24 @@ impl SyntheticScene {
         Ok(Self { scene, surfaces })
     }
 
+    /// The Gaussians of the first sector again, with another distance between them, m, as a scene
+    /// of that sector alone.
+    ///
+    /// # Errors
+    /// [`SimulationError::Scene`] for a distance that is not above 0.
+    pub fn with_spacing(&self, spacing_m: f64) -> Result<Arc<SceneData>, SimulationError> {
+        check_spacing(spacing_m)?;
+        let splats = self.surfaces[0].gaussians(spacing_m, &RigidTransform::identity())?;
+        let background = Background::Constant(SKY);
+        let first = &self.scene.sectors[0];
+        let sector = Sector {
+            gaussians: Some(GaussianSource::new(Scene { splats, background }, false)?),
+            edges: Vec::new(),
+            ..first.clone()
+        };
+        Ok(Arc::new(SceneData::new(&first.name, vec![sector])?))
+    }
+
     /// A scene of one sector from the origin to a corner.
     fn of(
         name: &str,
@@ -297,6 +312,17 @@ impl SyntheticScene {
             scene: Arc::new(SceneData::new(name, vec![sector])?),
             surfaces: vec![surfaces],
         })
+    }
+}
+
+fn check_spacing(spacing_m: f64) -> Result<(), SimulationError> {
+    match spacing_m > 0.0 && spacing_m.is_finite() {
+        true => Ok(()),
+        false => Err(SimulationError::Scene {
+            place: "Gaussians of a synthetic scene".to_owned(),
+            found: format!("a distance of {spacing_m} m"),
+            expected: "a number above 0".to_owned(),
+        }),
     }
 }
 

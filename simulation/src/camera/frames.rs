@@ -1,6 +1,7 @@
 //! Batches of frames.
 
 mod develop;
+mod fade;
 mod layers;
 
 use std::sync::Arc;

@@ -1,60 +1,25 @@
 use std::sync::Arc;
 
-use camera_models::{Distortion, Lens};
+use camera_models::Distortion;
 
 use super::*;
-use crate::scene::{GaussianSource, GaussianStore, ResidencyConfig, SceneData, Sector};
-use crate::testing::{Surfaces, SyntheticScene};
+use crate::scene::{GaussianStore, ResidencyConfig};
+use crate::testing::{DepthErrors, Surfaces, SyntheticScene};
 
 fn lens(distortion: Distortion) -> CameraModel {
     CameraModel::new((96, 72), [52.0, 53.0, 46.8, 36.2], distortion)
 }
 
-/// Errors of depth against exact rays, m, of pixels whose surface is within 5 m, ascending, and the
-/// number of those without a depth.
-fn depth_errors(
-    frames: &Frames,
-    request: &FrameRequest,
-    model: &CameraModel,
-    truth: &Surfaces,
-) -> (Vec<f64>, usize) {
-    let lens = Lens::new(model);
-    let pose = request.world_from_camera;
-    let (mut errors, mut missing) = (Vec::new(), 0);
-    for row in 0..frames.height {
-        for column in 0..frames.width {
-            let Some(ray) = lens.unproject([column as f64, row as f64]) else {
-                continue;
-            };
-            // Of depth 1, so that the multiple is the depth.
-            let ray = ray.map(|v| v / ray[2]);
-            let found = truth.ray_m(pose.translation_m(), pose.rotate(ray));
-            let pixel = frames.width * row + column;
-            match found {
-                Some(depth) if depth <= 5.0 && frames.has_depth[pixel] => {
-                    errors.push((f64::from(frames.depth_m[pixel]) - depth).abs());
-                }
-                Some(depth) if depth <= 5.0 => missing += 1,
-                _ => {}
-            }
-        }
-    }
-    errors.sort_by(f64::total_cmp);
-    (errors, missing)
+/// Errors of depths up to 5 m.
+fn depth_errors(batch: &CameraBatch, request: &FrameRequest, truth: &Surfaces) -> DepthErrors {
+    let mut frames = Frames::default();
+    batch.render(&[*request], &mut frames).unwrap();
+    DepthErrors::new(&frames, request, &batch.config().model, truth, 5.0)
 }
 
-/// A scene with Gaussians at other distances.
+/// Gaussians of a scene at other distances.
 fn with_spacing(scene: &SyntheticScene, spacing_m: f64) -> Arc<GaussianStore> {
-    let splats = scene.surfaces[0].gaussians(spacing_m, &RigidTransform::identity());
-    let gaussians = splats::Scene {
-        splats: splats.unwrap(),
-        background: splats::Background::Constant([0.5; 3]),
-    };
-    let sector = Sector {
-        gaussians: Some(GaussianSource::new(gaussians, false).unwrap()),
-        ..scene.scene.sectors[0].clone()
-    };
-    let scene = Arc::new(SceneData::new("test", vec![sector]).unwrap());
+    let scene = scene.with_spacing(spacing_m).unwrap();
     Arc::new(GaussianStore::new(scene, ResidencyConfig::default()))
 }
 
@@ -75,11 +40,9 @@ fn depth_percentiles(
         let offset = [0.1 * number as f64, 0.0, 0.0];
         let moved = RigidTransform::from_rotation_vector([0.0, yaw, 0.0], offset).unwrap();
         let request = FrameRequest::new(0, *at * moved);
-        let mut frames = Frames::default();
-        batch.render(&[request], &mut frames).unwrap();
-        let (errors, without) = depth_errors(&frames, &request, model, &scene.surfaces[0]);
-        all.extend(errors);
-        missing += without;
+        let found = depth_errors(&batch, &request, &scene.surfaces[0]);
+        all.extend(found.errors_m);
+        missing += found.missing;
     }
     all.sort_by(f64::total_cmp);
     let name = model.distortion.name();
@@ -132,6 +95,56 @@ fn depth_is_that_of_the_surfaces_with_all_lenses_on_and_off_the_walk() {
                     "{name:?}: {median} m, {p95} m"
                 );
             }
+        }
+    }
+}
+
+/// A pose moved in the horizontal plane along a direction, and rotated about the vertical axis.
+fn moved(pose: &RigidTransform, offset_m: f64, along_rad: f64, yaw_rad: f64) -> RigidTransform {
+    let yaw = RigidTransform::from_rotation_vector([0.0, 0.0, yaw_rad], [0.0; 3]).unwrap();
+    let [x, y, z] = pose.translation_m();
+    let to = [
+        x + offset_m * libm::cos(along_rad),
+        y + offset_m * libm::sin(along_rad),
+        z,
+    ];
+    let rotation = (yaw * *pose).rotation_wxyz();
+    RigidTransform::from_wxyz(rotation, to).unwrap()
+}
+
+/// Offsets of PAWS-Sim: up to 3 m and 30 degrees. `bench sim_truth --only exact` has all lenses.
+#[test]
+fn depth_is_that_of_the_surfaces_beside_the_walk() {
+    for scene in [SyntheticScene::stairs(), SyntheticScene::kerb(0.12)] {
+        let scene = scene.unwrap();
+        let model = scaled_model(&lens(Distortion::None), [384, 288]).unwrap();
+        let store = with_spacing(&scene, 0.015);
+        let batch = CameraBatch::new(store, CameraConfig::new(model).unwrap()).unwrap();
+        let pose = scene.scene.sectors[0].references[scene.scene.sectors[0].references.len() / 2];
+        for offset_m in [0.3, 1.0, 3.0] {
+            let (mut all, mut missing) = (Vec::new(), 0);
+            for number in 0..8 {
+                let yaw_rad = 30_f64.to_radians() * f64::from(number % 3 - 1);
+                let along_rad = 0.25 * std::f64::consts::PI * f64::from(number);
+                let pose = moved(&pose, offset_m, along_rad, yaw_rad);
+                let request = FrameRequest::new(0, pose);
+                let found = depth_errors(&batch, &request, &scene.surfaces[0]);
+                // Others stand in the stairs or look away from them.
+                if found.nearest_m >= 0.5 {
+                    all.extend(found.errors_m);
+                    missing += found.missing;
+                }
+            }
+            all.sort_by(f64::total_cmp);
+            assert!(all.len() > 100_000, "{} pixels", all.len());
+            let [median, p95] = [0.5, 0.95].map(|q| all[(q * (all.len() - 1) as f64) as usize]);
+            let name = &scene.scene.name;
+            println!("{name}, {offset_m} m: median {median:.4} m, p95 {p95:.4} m");
+            assert!(
+                missing * 100 <= all.len(),
+                "{name}, {offset_m} m: {missing}"
+            );
+            assert!(median <= 0.01 && p95 <= 0.03, "{name}, {offset_m} m");
         }
     }
 }

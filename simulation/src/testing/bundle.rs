@@ -1,19 +1,20 @@
 //! Synthetic scenes as scene bundles: for tests, and to try commands without a recorded walk.
 
 use std::path::Path;
-use std::sync::Arc;
 
+use ::splats::Coverage;
 use cad_transforms::RigidTransform;
 use scene_bundle::outputs::rig::{RigCamera, RigModel};
 use scene_bundle::outputs::splats::{
-    SplatBackground, SplatContent, SplatScene, SplatSector, SplatTraining,
+    SplatBackground, SplatContent, SplatCoverage, SplatCoverageContent, SplatObserved, SplatScene,
+    SplatSector, SplatSpaceBlock, SplatTraining,
 };
 use scene_bundle::outputs::{self, contacts, maps, rig, splats, trajectory};
 use scene_bundle::{Bundle, BundleError, Draft, Provenance, Record, RigRevision};
 
 use super::{SKY, SyntheticScene};
 use crate::error::SimulationError;
-use crate::scene::{SceneData, Sector};
+use crate::scene::{GaussianSource, Sector};
 
 /// Distance of the right camera of the rig from the left one, m.
 const BASELINE_M: f64 = 0.12;
@@ -27,6 +28,19 @@ impl SyntheticScene {
     /// own, and for a path where something is; [`SimulationError::Bundle`] for one that cannot be
     /// written.
     pub fn write_bundle(&self, path: &Path) -> Result<(), SimulationError> {
+        self.write_bundle_with(path, false)
+    }
+
+    /// The same with what the cameras of the walk saw, as of a scene that was trained with their
+    /// images: what predictions of the PSNR come from. That takes seconds.
+    ///
+    /// # Errors
+    /// As [`Self::write_bundle`].
+    pub fn write_observed_bundle(&self, path: &Path) -> Result<(), SimulationError> {
+        self.write_bundle_with(path, true)
+    }
+
+    fn write_bundle_with(&self, path: &Path, is_observed: bool) -> Result<(), SimulationError> {
         let [sector] = self.scene.sectors.as_slice() else {
             return Err(SimulationError::Scene {
                 place: format!("scene {}", self.scene.name),
@@ -41,28 +55,32 @@ impl SyntheticScene {
                 expected: "a new folder".to_owned(),
             });
         }
-        let gaussians = gaussians(&self.scene, sector)?;
-        write(path, sector, gaussians).map_err(|source| SimulationError::Bundle {
-            path: path.to_owned(),
-            source,
+        let source = sector.gaussians.as_ref();
+        let source = source.ok_or_else(|| SimulationError::Scene {
+            place: format!("scene {}", self.scene.name),
+            found: "no Gaussians".to_owned(),
+            expected: "those of a synthetic scene".to_owned(),
+        })?;
+        let observed = match is_observed {
+            true => source.observed()?,
+            false => None,
+        };
+        let coverage = observed.as_ref().map(|observed| observed.coverage());
+        let record = record_of(source, coverage);
+        let content = coverage.map(content_of);
+        let scene = source.load()?;
+        write(path, sector, &scene, &record, content.as_ref()).map_err(|source| {
+            SimulationError::Bundle {
+                path: path.to_owned(),
+                source,
+            }
         })
     }
 }
 
-/// The Gaussians, and their record with one sector of all of them.
-fn gaussians(
-    scene: &SceneData,
-    sector: &Sector,
-) -> Result<(Arc<::splats::Scene>, SplatScene), SimulationError> {
-    let source = sector
-        .gaussians
-        .as_ref()
-        .ok_or_else(|| SimulationError::Scene {
-            place: format!("scene {}", scene.name),
-            found: "no Gaussians".to_owned(),
-            expected: "those of a synthetic scene".to_owned(),
-        })?;
-    let record = SplatScene {
+/// The record of Gaussians, with one sector of all of them.
+fn record_of(source: &GaussianSource, coverage: Option<&Coverage>) -> SplatScene {
+    SplatScene {
         degree: source.degree(),
         compensated: source.is_compensated(),
         background: SplatBackground::Constant(SKY),
@@ -77,15 +95,38 @@ fn gaussians(
         }],
         views: Vec::new(),
         training: SplatTraining::default(),
-        coverage: None,
-    };
-    Ok((source.load()?, record))
+        coverage: coverage.map(|coverage| SplatCoverage {
+            voxel_m: coverage.space().voxel_m(),
+            range_m: coverage.space().range_m(),
+            sky_texels: coverage.sky().size(),
+        }),
+    }
+}
+
+fn content_of(coverage: &Coverage) -> SplatCoverageContent {
+    let gaussians = coverage.gaussians().iter().map(|seen| SplatObserved {
+        instants: seen.instants,
+        directions: seen.directions.0,
+        finest_m: seen.finest_m,
+        color_error: seen.color_error,
+        depth_error: seen.depth_error,
+    });
+    let blocks = coverage.space().blocks();
+    SplatCoverageContent {
+        gaussians: vec![gaussians.collect()],
+        space: blocks
+            .map(|(index, voxels)| SplatSpaceBlock { index, voxels })
+            .collect(),
+        sky: coverage.sky().texels().to_vec(),
+    }
 }
 
 fn write(
     path: &Path,
     sector: &Sector,
-    (scene, record_of_splats): (Arc<::splats::Scene>, SplatScene),
+    scene: &::splats::Scene,
+    record_of_splats: &SplatScene,
+    coverage: Option<&SplatCoverageContent>,
 ) -> Result<(), BundleError> {
     let bundle = Bundle::create_or_open(path, provenance())?;
     let output = |name: &str, write: &dyn Fn(&Draft) -> Result<(), BundleError>| {
@@ -99,9 +140,10 @@ fn write(
     output(outputs::SPLATS, &|draft| {
         let content = SplatContent {
             sectors: std::slice::from_ref(&scene.splats),
+            coverage,
             ..SplatContent::default()
         };
-        splats::write(draft, &record_of_splats, &content).map(drop)
+        splats::write(draft, record_of_splats, &content).map(drop)
     })?;
     if let Some(rig) = rig_model(sector) {
         output(outputs::RIG, &|draft| rig::write(draft, &rig))?;
@@ -165,6 +207,7 @@ fn record() -> Record {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::scene::SceneData;
 
     #[test]
     fn a_bundle_opens_with_the_ground_walk_and_rig_of_the_scene() {

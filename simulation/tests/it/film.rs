@@ -3,6 +3,7 @@
 use std::fs;
 
 use scene_bundle::film;
+use simulation::testing::SyntheticScene;
 
 use crate::bundle::{paws_sim, printed, write};
 
@@ -45,6 +46,38 @@ fn an_agent_walks_to_goals_and_the_same_seed_gives_the_same_film() {
     let verified = scene_bundle::Scene::open(&scene).expect("the bundle");
     let report = scene_bundle::verify::verify(&verified, |_| {}).expect("verified");
     assert!(report.is_whole() && report.unnamed.is_empty(), "{report:?}");
+}
+
+/// On a bundle, of which a record says what its training saw.
+#[test]
+fn an_agent_stays_where_the_predicted_psnr_is_high_enough() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let scene = folder.path().join("plane.scene");
+    let plane = SyntheticScene::tilted_plane([0.05, 0.0]).expect("a plane");
+    plane.write_observed_bundle(&scene).expect("a bundle");
+    let path = scene.to_str().expect("a path");
+    let film = |limit: &str| {
+        let seconds = ["--seconds", "6", "--min-support", limit];
+        paws_sim(&[&["film", path][..], &seconds].concat())
+    };
+    printed(&film("1"));
+    assert!(film::read(&scene).expect("a film").is_some());
+    // No image is that good.
+    let output = film("150");
+    assert_eq!(output.status.code(), Some(1));
+    let errors = String::from_utf8_lossy(&output.stderr);
+    assert!(errors.contains("support"), "{errors}");
+    // Without the record there is nothing to predict from.
+    let other = write(folder.path());
+    let output = paws_sim(&[
+        "film",
+        other.to_str().expect("a path"),
+        "--min-support",
+        "1",
+    ]);
+    assert_eq!(output.status.code(), Some(1));
+    let errors = String::from_utf8_lossy(&output.stderr);
+    assert!(errors.contains("training"), "{errors}");
 }
 
 #[test]

@@ -8,7 +8,8 @@
 //!    grounds, distance of contacts of the feet from the true surface.
 //! 2. `steps`: 20 seeds over one step and up a flight: which heights the gait manages.
 //! 3. `shape`: height of the collision shape under soles against the number of its parts; the same
-//!    soles probed in both engines; ground that is not there, penetration and time per step.
+//!    soles probed in both engines; ground that is not there, penetration, slopes, step edges and
+//!    time per step.
 //! 4. `surface`: the collision surface along the courses of `walks` against the true ground, by
 //!    what is highest there.
 //! 5. `bodies`: a box, a ball, a capsule and a stand at rest in MuJoCo and in `rapier3d`, over time
@@ -25,10 +26,12 @@ mod bodies;
 mod charts;
 mod course;
 mod model;
+mod normals;
 mod probe;
 mod profile;
 mod shape;
 mod stand;
+mod step_edges;
 mod values;
 
 use crate::terrain::keyframes::{Source, depth_frames, keyframes};

@@ -7,8 +7,9 @@
 //!
 //! 1. `heights`: heights of the ground on which agents walk, near footsteps and elsewhere.
 //! 2. `depth`: depth images of the simulator's cameras, at and off the path.
-//! 3. `support`: the predicted PSNR of what agents see, at starts of episodes.
-//! 4. `seam`: two reconstructions of one place, each with poses of its own odometry, joined by an
+//! 3. `exact`: depth images of synthetic scenes, whose surfaces are known, with all lenses.
+//! 4. `support`: the predicted PSNR of what agents see, at starts of episodes.
+//! 5. `seam`: two reconstructions of one place, each with poses of its own odometry, joined by an
 //!    imported edge.
 
 use std::fs;
@@ -20,6 +21,7 @@ use serde_json::json;
 
 mod charts;
 mod depth;
+mod exact;
 mod heights;
 mod seam;
 mod support;
@@ -27,7 +29,7 @@ mod support;
 use crate::terrain::walks::{SMALL, Walk};
 use crate::{arguments, report, stamp};
 
-const PARTS: [&str; 4] = ["heights", "depth", "support", "seam"];
+const PARTS: [&str; 5] = ["heights", "depth", "exact", "support", "seam"];
 /// Kind, seed, and begin and end, s.
 const WALKS: [(Kind, u64, [f64; 2]); 4] = [
     (Kind::Pavement, 981, [3.0, 23.0]),
@@ -51,6 +53,10 @@ pub(crate) fn run(args: &[String]) -> Result<()> {
     for part in &options.parts {
         let mut rows = Vec::new();
         let walks = match part.as_str() {
+            "exact" => {
+                rows = exact::measure(options.quick).context("scenes with exact surfaces")?;
+                &[]
+            }
             "seam" => &[seam::WALK][..],
             _ => &options.walks,
         };

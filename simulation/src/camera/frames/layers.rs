@@ -1,8 +1,7 @@
 //! Colors and depth of one pose: one sector, or two that are cross-faded.
 //!
 //! Inside of a recording all sectors show the same Gaussians. Only near a border to another
-//! recording two images are rendered: colors are blended by the weight of each sector,
-//! premultiplied and with what is behind, depths by weight and alpha.
+//! recording two images are rendered.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -11,9 +10,10 @@ use cad_transforms::RigidTransform;
 use camera_models::CameraModel;
 use splats::{Camera, Exposure, Image, Renderer, Shutter};
 
+use super::fade::{cross_fade, enlarged, half};
 use super::{FrameRequest, refused};
 use crate::camera::CameraConfig;
-use crate::camera::sensor::Quality;
+use crate::camera::sensor::{Quality, scaled_model};
 use crate::error::SimulationError;
 use crate::scene::{GaussianStore, SceneData, SectorGaussians, Similarity};
 
@@ -110,21 +110,30 @@ impl Layers {
         exposure: &Exposure,
     ) -> Result<Image, SimulationError> {
         let pose = pose_at(&self.request, time_s);
-        let render = |sector: usize, pose: &RigidTransform, scale: f64| {
-            let camera = camera(config, &self.request, pose, scale)?;
+        let render = |sector: usize, pose: &RigidTransform, scale: f64, is_half: bool| {
+            let camera = camera(config, &self.request, pose, scale, is_half)?;
             let content = &contents.0[&sector];
             let renderer = &renderers[usize::from(content.is_compensated)];
-            Ok(match config.quality {
+            let image = match config.quality {
                 Quality::Exact => renderer.render(&content.exact, &camera, exposure),
                 Quality::Detail => renderer.render_detail(&content.detail, &camera, exposure),
+            };
+            let size = [config.model.width, config.model.height].map(|edge| edge as usize);
+            Ok(match is_half {
+                true => enlarged(&image, size),
+                false => image,
             })
         };
-        let mut image = render(self.sector(), &pose, 1.0)?;
-        if let Some(fade) = &self.fade {
-            let scale = fade.there_from_here.scale();
-            let there = render(fade.sector, &fade.there_from_here.carry(&pose), scale)?;
-            cross_fade(&mut image, &there, fade.weight, 1.0 / scale as f32);
-        }
+        let Some(fade) = &self.fade else {
+            return render(self.sector(), &pose, 1.0, false);
+        };
+        let is_fast = config.quality == Quality::Detail;
+        let here_is_less = fade.weight > 0.5;
+        let scale = fade.there_from_here.scale();
+        let pose_there = fade.there_from_here.carry(&pose);
+        let mut image = render(self.sector(), &pose, 1.0, is_fast && here_is_less)?;
+        let there = render(fade.sector, &pose_there, scale, is_fast && !here_is_less)?;
+        cross_fade(&mut image, &there, fade.weight, 1.0 / scale as f32);
         Ok(image)
     }
 }
@@ -146,22 +155,30 @@ pub(super) fn model(config: &CameraConfig, request: &FrameRequest) -> CameraMode
     }
 }
 
-/// The camera in a sector whose lengths are `scale` times those of the request.
+/// The camera in a sector whose lengths are `scale` times those of the request, with all pixels or
+/// half the columns and rows.
 fn camera(
     config: &CameraConfig,
     request: &FrameRequest,
     pose: &RigidTransform,
     scale: f64,
+    is_half: bool,
 ) -> Result<Camera, SimulationError> {
-    let camera = Camera::new(model(config, request), pose.inverse());
+    let whole = model(config, request);
+    let model = match is_half {
+        true => scaled_model(&whole, half([whole.width, whole.height]))?,
+        false => whole,
+    };
+    let camera = Camera::new(model, pose.inverse());
     let camera = camera.map_err(|error| refused(&error))?;
     let is_at_rest = request.velocity_m_s == [0.0; 3] && request.rate_rad_s == [0.0; 3];
     if config.shutter.line_s == 0.0 || is_at_rest {
         return Ok(camera);
     }
     let velocity_m_s = request.velocity_m_s.map(|v| v * scale);
-    let (line_s, height) = (config.shutter.line_s, config.model.height);
-    let shutter = Shutter::rows(line_s, height, velocity_m_s, request.rate_rad_s);
+    // Fewer rows take the same time.
+    let line_s = config.shutter.line_s * f64::from(whole.height) / f64::from(model.height);
+    let shutter = Shutter::rows(line_s, model.height, velocity_m_s, request.rate_rad_s);
     camera
         .with_shutter(shutter)
         .map_err(|error| refused(&error))
@@ -174,54 +191,5 @@ fn pose_at(request: &FrameRequest, time_s: f64) -> RigidTransform {
     match RigidTransform::from_rotation_vector(rotation, translation) {
         Ok(motion) if time_s != 0.0 => request.world_from_camera * motion,
         _ => request.world_from_camera,
-    }
-}
-
-/// Blends another image of the same camera into one; its depths are multiplied by a factor.
-fn cross_fade(image: &mut Image, there: &Image, weight: f32, depth_factor: f32) {
-    let here = 1.0 - weight;
-    for (plane, other) in image.rgb.iter_mut().zip(&there.rgb) {
-        for (value, other) in plane.iter_mut().zip(other) {
-            *value = here * *value + weight * other;
-        }
-    }
-    for pixel in 0..image.alpha.len() {
-        let weights = [here * image.alpha[pixel], weight * there.alpha[pixel]];
-        for (plane, other) in [
-            (&mut image.median_depth_m, &there.median_depth_m),
-            (&mut image.expected_depth_m, &there.expected_depth_m),
-        ] {
-            let depths = [plane[pixel], depth_factor * other[pixel]];
-            plane[pixel] = mean_depth(depths, weights);
-        }
-        image.alpha[pixel] = weights[0] + weights[1];
-    }
-}
-
-/// Mean of those depths that exist, by weights.
-fn mean_depth(depths: [f32; 2], weights: [f32; 2]) -> f32 {
-    let (mut sum, mut total) = (0.0, 0.0);
-    for (depth, weight) in depths.into_iter().zip(weights) {
-        if depth.is_finite() {
-            sum += weight * depth;
-            total += weight;
-        }
-    }
-    match total > 0.0 {
-        true => sum / total,
-        false => f32::NAN,
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn depths_are_weighted_by_alpha_where_both_exist() {
-        assert_eq!(mean_depth([2.0, 4.0], [0.25, 0.75]), 3.5);
-        assert_eq!(mean_depth([2.0, f32::NAN], [0.25, 0.75]), 2.0);
-        assert!(mean_depth([f32::NAN; 2], [0.5; 2]).is_nan());
-        assert!(mean_depth([2.0, 3.0], [0.0; 2]).is_nan());
     }
 }

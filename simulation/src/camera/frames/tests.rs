@@ -402,3 +402,45 @@ fn images_fade_without_a_jump_across_an_imported_border() {
     }
     assert!((10..70).contains(&faded), "{faded}");
 }
+
+/// The side of the smaller weight has half the columns and rows.
+#[test]
+fn cross_faded_images_are_close_to_those_of_two_whole_ones() {
+    let scene = SyntheticScene::corridor_loop_with(0.03).unwrap();
+    let looking = RigidTransform::body_from_optical().rotation_wxyz();
+    for size in [[64, 48], [161, 121], [320, 240]] {
+        let [exact, fast] = [Quality::Exact, Quality::Detail].map(|quality| {
+            batch(&scene, |config| {
+                config.model = crate::camera::pinhole(size, 1.5).unwrap();
+                config.quality = quality;
+            })
+        });
+        let (mut all_db, mut all_m, mut faded) = (Vec::new(), Vec::new(), 0);
+        for step in 0..12 {
+            let at = [9.6 + 0.1 * f64::from(step), 0.9, 1.3];
+            let pose = RigidTransform::from_wxyz(looking, at).unwrap();
+            let request = FrameRequest::new(0, pose);
+            let [a, b] = [&exact, &fast].map(|batch| single(batch, &request));
+            faded += fast
+                .render(&[request], &mut Frames::default())
+                .unwrap()
+                .faded;
+            all_db.push(psnr_db(&a.rgb, &b.rgb));
+            let depths = a.depth_m.iter().zip(&b.depth_m);
+            all_m.extend(depths.map(|(a, b)| (a - b).abs()));
+        }
+        all_db.sort_by(f64::total_cmp);
+        all_m.sort_by(f32::total_cmp);
+        let p95_m = all_m[all_m.len() * 95 / 100];
+        println!(
+            "{size:?}, {faded} cross-faded: {:.1} dB at least, {:.1} dB, depth {p95_m:.4} m",
+            all_db[0], all_db[6]
+        );
+        assert!(faded > 6, "{faded}");
+        assert!(
+            all_db[0] >= 35.0 && all_db[6] >= 40.0,
+            "{size:?}: {all_db:?}"
+        );
+        assert!(p95_m <= 0.02, "{size:?}: {p95_m} m");
+    }
+}

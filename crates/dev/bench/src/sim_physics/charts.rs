@@ -33,6 +33,8 @@ pub(super) fn draw(report: &Map<String, Value>) -> Vec<(String, String)> {
                 if rows.iter().any(|row| row["report"].is_object()) {
                     all.push(("shape-support", false_support(rows)));
                     all.push(("shape-time", step_time(rows)));
+                    all.push(("shape-edges", step_edges(rows)));
+                    all.push(("shape-slopes", slopes(rows)));
                 }
                 all
             }
@@ -194,6 +196,41 @@ fn false_support(rows: &[Value]) -> Chart {
     lines
         .fold(chart, Chart::series)
         .hline(100.0 * FALSE_SUPPORT_GOAL, "goal")
+}
+
+/// Position and height of step edges, each a line for a ground that has some.
+fn step_edges(rows: &[Value]) -> Chart {
+    let chart = Chart::new("Collision shape: errors of step edges, against its parts")
+        .subtitle("95th percentile of profiles across true edges near footsteps")
+        .x_axis(Axis::log("parts per 100 m²", ""))
+        .y_axis(Axis::linear("error", "mm").include(0.0));
+    let lines = rows.iter().flat_map(|row| {
+        ["position", "height"].map(|key| {
+            let points = entries(&row["report"]["rows"]).iter().map(|own| {
+                let path = format!("step_edges.{key}.p95_mm");
+                (number(own, "parts_per_100_m2"), number(own, &path))
+            });
+            Series::line(format!("{}, {key}", text(row, "ground")), points)
+        })
+    });
+    lines.fold(chart, Chart::series)
+}
+
+fn slopes(rows: &[Value]) -> Chart {
+    let chart = Chart::new("Collision shape: error of its slope under a foot, against its parts")
+        .subtitle("95th percentile of the angle between planes through nine points of 4 cm")
+        .x_axis(Axis::log("parts per 100 m²", ""))
+        .y_axis(Axis::linear("angle", "°").include(0.0));
+    let lines = rows.iter().map(|row| {
+        let points = entries(&row["report"]["rows"]).iter().map(|own| {
+            (
+                number(own, "parts_per_100_m2"),
+                number(own, "normals.p95_deg"),
+            )
+        });
+        Series::line(text(row, "ground"), points)
+    });
+    lines.fold(chart, Chart::series)
 }
 
 /// Time of a step relative to that with the default number of parts.

@@ -1,6 +1,7 @@
 //! The report of a collision shape: where it holds a foot that the truth does not hold, how deep
-//! true soles are in it, and what a step of the engines costs with it, over the number of its
-//! parts; and whether the engines have the heights of its faces.
+//! true soles are in it, its slopes and step edges against the true ones, and what a step of the
+//! engines costs with it, over the number of its parts; and whether the engines have the heights of
+//! its faces.
 //!
 //! A foot is a disc of 4 cm. It is held at the greatest height of a surface under nine of its
 //! points. Places are cells of 2 cm with true ground within 0.6 m of a footprint: where feet go.
@@ -15,7 +16,9 @@ use simulation::{BodiesConfig, RigidBodies};
 
 use super::bodies;
 use super::model;
+use super::normals::{angle_deg, angles};
 use super::probe::Probe;
+use super::step_edges::step_edges;
 use super::values::{CONTACT_GOAL_MM, FALSE_SUPPORT_GOAL, entries, modules};
 use crate::python;
 use crate::terrain::parts;
@@ -30,7 +33,7 @@ const FOOT_M: f64 = 0.02;
 const CELL_M: f64 = 0.02;
 const REACH_M: f64 = 0.6;
 /// Surfaces farther from the true ground belong to another level, m.
-const LEVEL_M: f64 = 0.4;
+pub(super) const LEVEL_M: f64 = 0.4;
 /// A foot that finds no true surface this near is held by nothing, m.
 const SUPPORT_M: f64 = 0.03;
 /// Time step of the bodies that measure the engines, s.
@@ -69,6 +72,8 @@ pub(super) fn report(surface: &Surface, truth: &Truth<'_>, folder: &Path) -> Res
             "parts_per_100_m2": shape.report.parts_per_100_m2,
             "feet": feet(&probe, truth, &places),
             "penetration": penetration(&probe, truth),
+            "normals": slopes(&probe, truth, &places),
+            "step_edges": step_edges(&probe, truth),
         }));
     }
     let answer = python::ask_in(python::PHYSICS, bodies::SCRIPT, &json!({ "jobs": jobs }))?;
@@ -147,6 +152,16 @@ fn feet(probe: &Probe, truth: &Truth<'_>, places: &[[f64; 3]]) -> Value {
         "hole_share": share(holes),
         "height": Quantiles::of(errors),
     })
+}
+
+/// Angles between the slopes of the shape and of the truth under feet.
+fn slopes(probe: &Probe, truth: &Truth<'_>, places: &[[f64; 3]]) -> Value {
+    let angle = |[x, y, ground]: &[f64; 3]| {
+        let found = |at| Some(probe.highest(at, *ground, LEVEL_M)?.0);
+        let expected = |at: Vector2<f64>| truth.ground([at.x, at.y, *ground], LEVEL_M);
+        angle_deg(&disc([*x, *y]), found, expected)
+    };
+    angles(places.iter().filter_map(angle).collect())
 }
 
 /// How deep the true sole of each footprint is in the shape, at its deepest point.

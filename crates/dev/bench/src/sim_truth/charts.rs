@@ -1,5 +1,7 @@
 //! Charts of `sim_truth`, drawn from its report.
 
+use std::collections::BTreeSet;
+
 use charts::{Axis, Chart, Series};
 use serde_json::{Map, Value};
 
@@ -17,10 +19,43 @@ pub(super) fn draw(report: &Map<String, Value>) -> Vec<(String, String)> {
         drawn.push(("sim_truth-depth.svg", depth(own), part));
         drawn.push(("sim_truth-offsets.svg", offsets(own), part));
     }
+    if let Some(part) = report.get("exact") {
+        drawn.push(("sim_truth-exact.svg", exact(rows(&part["rows"])), part));
+    }
     if let Some(part) = report.get("support") {
         drawn.push(("sim_truth-support.svg", support(rows(&part["rows"])), part));
     }
     to_svg(drawn)
+}
+
+/// Depth of synthetic scenes over the offset, the worst of all scenes for each lens.
+fn exact(all: &[Value]) -> Chart {
+    let chart = Chart::new("Depth of synthetic scenes beside the walk, four lenses")
+        .subtitle("largest of three scenes, up to 5 m of depth; rotations up to 30 degrees")
+        .x_axis(Axis::linear("offset from the walk", "m").include(0.0))
+        .y_axis(Axis::log("error of the depth", "mm"));
+    let worst = |lens: &str, key: &str| -> Vec<(f64, f64)> {
+        let mut points: Vec<(f64, f64)> = Vec::new();
+        for row in all.iter().filter(|row| row["lens"] == lens) {
+            let (offset_m, value) = (number(&row["offset_m"]), number(&row[key]));
+            match points.iter_mut().find(|own| own.0 == offset_m) {
+                Some(own) => own.1 = own.1.max(value),
+                None => points.push((offset_m, value)),
+            }
+        }
+        points
+    };
+    let lenses: BTreeSet<&str> = all.iter().filter_map(|row| row["lens"].as_str()).collect();
+    let mut chart = chart;
+    for lens in lenses {
+        for (key, name) in [("median_mm", "median"), ("p95_mm", "95th percentile")] {
+            chart = chart.series(Series::line(format!("{lens}, {name}"), worst(lens, key)));
+        }
+    }
+    let [median_mm, p95_mm] = super::exact::GOALS_M.map(|goal| 1e3 * goal);
+    chart
+        .hline(median_mm, "goal of the median")
+        .hline(p95_mm, "goal of the 95th percentile")
 }
 
 /// Predicted against true PSNR of what agents see.

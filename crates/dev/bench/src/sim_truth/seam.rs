@@ -18,7 +18,8 @@ use rig_sim::scene::{Kind, Lighting};
 use scene_bundle::Trajectory;
 use serde_json::{Value, json};
 use simulation::{
-    AlignmentConfig, AlignmentModel, Area, GaussianSource, Place, Recording, SceneData, Sector,
+    AlignmentConfig, AlignmentModel, Area, CameraBatch, CameraConfig, FrameRequest, Frames,
+    GaussianSource, GaussianStore, Place, Quality, Recording, ResidencyConfig, SceneData, Sector,
     SectorEdge, Similarity, align_trajectories,
 };
 use splats::{Camera, Exposure, Image, RenderConfig, Renderer};
@@ -125,7 +126,12 @@ fn compared(sequence: &Sequence, sessions: &[Session; 2], render: RenderConfig) 
     let config = AlignmentConfig::default();
     let alignment = align_trajectories(&second.trajectory, &first.trajectory, model, &config)?;
     let first_from_second = alignment.reference_from_estimate;
-    let scene = joined(sessions, &first_from_second, alignment.residual_m)?;
+    let scene = joined(
+        sessions,
+        &first_from_second,
+        alignment.residual_m,
+        render.compensate,
+    )?;
     let crossing = Crossing::find(&scene, &first.trajectory)?;
     // Against where the other session has the same instant.
     let errors = second.trajectory.usable().filter_map(|own| {
@@ -197,6 +203,7 @@ fn joined(
     sessions: &[Session; 2],
     first_from_second: &Similarity,
     residual_m: f64,
+    is_compensated: bool,
 ) -> Result<Arc<SceneData>> {
     let second_from_first = first_from_second.inverse();
     let [first, second] = sessions;
@@ -207,7 +214,7 @@ fn joined(
             levels: None,
             area: areas[number],
             references: Arc::new(own.references.clone()),
-            gaussians: Some(GaussianSource::new(own.gaussians.clone(), false)?),
+            gaussians: Some(GaussianSource::new(own.gaussians.clone(), is_compensated)?),
             recording: Arc::new(Recording::default()),
             edges: vec![SectorEdge {
                 to: 1 - number,
@@ -321,7 +328,75 @@ fn both_sides(
         "psnr_worst_db": quantile(&all_db, 0.0),
         "depth_m": shares(depths_m),
         "depth_below_3_m": shares(near_depths_m),
+        "cross_faded": cross_faded(scene, sessions[0].model, &near)?,
     }))
+}
+
+/// Cross-faded images with levels of detail, whose side of the smaller weight has half the size,
+/// against those of two exact images; and images of the first session alone, the same way.
+fn cross_faded(
+    scene: &Arc<SceneData>,
+    model: CameraModel,
+    near: &[RigidTransform],
+) -> Result<Value> {
+    let alone = SceneData::new(
+        "one session",
+        vec![{
+            let mut first = scene.sectors[0].clone();
+            first.edges.clear();
+            first
+        }],
+    )?;
+    let compared = |scene: Arc<SceneData>, poses: &[RigidTransform]| -> Result<Value> {
+        let requests: Vec<FrameRequest> = poses
+            .iter()
+            .map(|pose| FrameRequest::new(0, *pose))
+            .collect();
+        let store = Arc::new(GaussianStore::new(scene, ResidencyConfig::default()));
+        let mut rendered = Vec::new();
+        for quality in [Quality::Exact, Quality::Detail] {
+            let mut config = CameraConfig::new(model)?;
+            config.quality = quality;
+            let mut frames = Frames::default();
+            CameraBatch::new(store.clone(), config)?.render(&requests, &mut frames)?;
+            rendered.push(frames);
+        }
+        let [exact, fast] = [&rendered[0], &rendered[1]];
+        let pixels = exact.width * exact.height;
+        let images = exact
+            .rgb
+            .chunks(3 * pixels)
+            .zip(fast.rgb.chunks(3 * pixels));
+        let mut all_db: Vec<f64> = images.map(|(a, b)| bytes_psnr_db(a, b)).collect();
+        all_db.sort_by(f64::total_cmp);
+        let depths = exact.depth_m.iter().zip(&fast.depth_m);
+        let are_known = exact.has_depth.iter().zip(&fast.has_depth);
+        let found = depths.zip(are_known).filter(|(_, (a, b))| **a && **b);
+        let depths_m = found.map(|((a, b), _)| f64::from((a - b).abs())).collect();
+        Ok(json!({
+            "views": poses.len(),
+            "psnr_median_db": quantile(&all_db, 0.5),
+            "psnr_worst_db": quantile(&all_db, 0.0),
+            "depth_m": shares(depths_m),
+        }))
+    };
+    let is_faded = |pose: &&RigidTransform| scene.fade(0, pose.translation_m()).is_some();
+    let faded: Vec<RigidTransform> = near.iter().filter(is_faded).copied().collect();
+    ensure!(!faded.is_empty(), "no camera where images are cross-faded");
+    Ok(json!({
+        "two": compared(scene.clone(), &faded)?,
+        "one": compared(Arc::new(alone), &faded)?,
+    }))
+}
+
+/// PSNR of colors of 8 bits.
+fn bytes_psnr_db(a: &[u8], b: &[u8]) -> f64 {
+    let squares = a
+        .iter()
+        .zip(b)
+        .map(|(a, b)| f64::from(a.abs_diff(*b)).powi(2));
+    let mean = squares.sum::<f64>() / a.len() as f64;
+    10.0 * libm::log10(255.0_f64.powi(2) / mean.max(1e-9))
 }
 
 /// Median, 95th percentile and greatest value.
