@@ -1,6 +1,6 @@
 use std::sync::Arc;
 
-use camera_models::Distortion;
+use camera_models::{Distortion, Lens};
 
 use super::*;
 use crate::scene::{GaussianStore, ResidencyConfig};
@@ -136,7 +136,7 @@ fn depth_is_that_of_the_surfaces_beside_the_walk() {
                 }
             }
             all.sort_by(f64::total_cmp);
-            assert!(all.len() > 100_000, "{} pixels", all.len());
+            assert!(all.len() > 20_000, "{} pixels", all.len());
             let [median, p95] = [0.5, 0.95].map(|q| all[(q * (all.len() - 1) as f64) as usize]);
             let name = &scene.scene.name;
             println!("{name}, {offset_m} m: median {median:.4} m, p95 {p95:.4} m");

@@ -210,7 +210,7 @@ fn step_edges(rows: &[Value]) -> Chart {
                 let path = format!("step_edges.{key}.p95_mm");
                 (number(own, "parts_per_100_m2"), number(own, &path))
             });
-            Series::line(format!("{}, {key}", text(row, "ground")), points)
+            Series::line(&format!("{}, {key}", text(row, "ground")), points)
         })
     });
     lines.fold(chart, Chart::series)

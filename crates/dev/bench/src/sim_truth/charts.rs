@@ -49,7 +49,7 @@ fn exact(all: &[Value]) -> Chart {
     let mut chart = chart;
     for lens in lenses {
         for (key, name) in [("median_mm", "median"), ("p95_mm", "95th percentile")] {
-            chart = chart.series(Series::line(format!("{lens}, {name}"), worst(lens, key)));
+            chart = chart.series(Series::line(&format!("{lens}, {name}"), worst(lens, key)));
         }
     }
     let [median_mm, p95_mm] = super::exact::GOALS_M.map(|goal| 1e3 * goal);

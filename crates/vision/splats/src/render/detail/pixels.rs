@@ -61,7 +61,8 @@ impl Blocks {
 #[inline(always)]
 pub(super) fn block_bits<V: Lanes>(at: V, size: usize) -> [u32; LANES] {
     let s = V::splat;
-    let inside = at.max(s(0.0)).min(s((size - 1) as f32));
+    // The last pixel may be the first one of a block: its center would be halfway between two.
+    let inside = at.max(s(0.0)).min(s(size as f32 - 0.5));
     // Half a block less is rounded to the nearest: the added number leaves no bits for the
     // fraction.
     let blocks = inside.mul_add(s(1.0 / BLOCK as f32), s(-0.5)) + s(12_582_912.0);

@@ -93,8 +93,8 @@ fn regions_show_what_the_exact_renderer_shows() {
         let detail = DetailScene::new(&scene, &config).unwrap();
         let renderer = Renderer::new(renderer).unwrap();
         let exposure = Exposure::from_log_gain([0.1, -0.2, 0.0]);
-        // One region, parts of blocks at the border, several regions.
-        for size in [(64, 48), (37, 21), (300, 170)] {
+        // One region, parts of blocks at the border, single pixels of blocks, several regions.
+        for size in [(64, 48), (37, 21), (41, 73), (300, 170)] {
             let camera = camera(size, Distortion::None);
             let found = renderer.render_detail(&detail, &camera, &exposure);
             let expected = renderer.render(&scene, &camera, &exposure);
