@@ -11,6 +11,7 @@ use command_line::output::print;
 use scene_bundle::film::{self, SceneFilm};
 use scene_bundle::layout;
 
+use super::progress_bar;
 use super::walk::{SIZE, Walk};
 
 /// Steps of the simulation between two images.
@@ -43,7 +44,9 @@ pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode> {
     let mut walk = Walk::open(&arguments.scene, arguments.seed, arguments.min_support)?;
     let steps = (f64::from(arguments.seconds) / walk.step_s()).round() as u32;
     let mut frames = Vec::new();
+    let bar = progress_bar(u64::from(steps), "walking")?;
     for step in 0..=steps {
+        bar.set_position(u64::from(step));
         if step % STEPS_PER_IMAGE == 0 {
             frames.push(frame(&mut walk)?);
         }
@@ -52,6 +55,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode> {
             walk.step(action)?;
         }
     }
+    bar.finish_and_clear();
     let summary = summary(&walk, f64::from(arguments.seconds));
     let film = scene_film(&summary, &walk, frames)?;
     let folder = folder(&arguments.scene);

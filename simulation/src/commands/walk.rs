@@ -12,6 +12,8 @@ use simulation::{
 };
 use splats::{Camera, RenderConfig, Renderer};
 
+use super::progress_bar;
+
 /// Size of the images, px.
 pub(super) const SIZE: [u32; 2] = [384, 216];
 /// Size of the images by which their confidence is judged, px.
@@ -117,12 +119,13 @@ impl Walk {
             recorded_ns,
             wearer_ns: None,
         };
+        let bar = progress_bar(0, "predicting the PSNR of images")?;
         walk.world.prepare(&|done, count| {
-            if 10 * done / count > 10 * (done - 1) / count {
-                log::info!("predicted the PSNR of {done} of {count} images");
-            }
+            bar.set_length(count as u64);
+            bar.set_position(done as u64);
             ControlFlow::Continue(())
         })?;
+        bar.finish_and_clear();
         walk.world.reset(None, None)?;
         Ok(walk)
     }

@@ -73,8 +73,15 @@ impl Shared {
     }
 
     /// Removes sectors used longest ago until the needed ones fit; false if they do not because of
-    /// others that are being loaded.
-    pub(super) fn make_room(&self, state: &mut State, needed: &[usize], budget_bytes: u64) -> bool {
+    /// others that are being loaded. What is removed is the caller's to drop without the lock: that
+    /// takes milliseconds, for which images would wait.
+    pub(super) fn make_room(
+        &self,
+        state: &mut State,
+        needed: &[usize],
+        budget_bytes: u64,
+        removed: &mut Vec<Slot>,
+    ) -> bool {
         let of_needed: u64 = needed.iter().map(|sector| self.bytes(*sector)).sum();
         loop {
             let kept = state
@@ -93,12 +100,18 @@ impl Shared {
             let Some((_, oldest)) = resident.min() else {
                 return false;
             };
-            state.slots.remove(&oldest);
+            removed.extend(state.slots.remove(&oldest));
         }
     }
 
-    /// Loads what is wished for until the store closes.
+    /// Loads what is wished for until the store closes, on this thread alone: images are rendered
+    /// meanwhile.
     pub(super) fn prefetch(&self, budget_bytes: u64) {
+        // Without it several threads would load.
+        let _pool = rayon::ThreadPoolBuilder::new()
+            .num_threads(1)
+            .use_current_thread()
+            .build();
         let mut state = self.lock();
         while !state.is_closing {
             let Some(sector) = state.wishes.pop() else {
@@ -117,11 +130,20 @@ impl Shared {
             let mut needed: Vec<usize> = state.required.iter().chain(nearer).copied().collect();
             needed.push(sector);
             let bytes: u64 = needed.iter().map(|sector| self.bytes(*sector)).sum();
-            if bytes > budget_bytes || !self.make_room(&mut state, &needed, budget_bytes) {
+            if bytes > budget_bytes {
                 continue;
             }
-            state.slots.insert(sector, Slot::Loading);
+            let mut removed = Vec::new();
+            let has_room = self.make_room(&mut state, &needed, budget_bytes, &mut removed);
+            if has_room {
+                state.slots.insert(sector, Slot::Loading);
+            }
             drop(state);
+            drop(removed);
+            if !has_room {
+                state = self.lock();
+                continue;
+            }
             let loaded = self.load(sector);
             state = self.lock();
             let used = state.clock;
@@ -148,10 +170,16 @@ pub(super) fn load(scene: &SceneData, sector: usize) -> Result<SectorGaussians, 
     let source = of.gaussians.as_ref();
     let source = source.ok_or_else(|| wrong("none".to_owned()))?;
     let exact = source.load()?;
-    let detail = DetailScene::new(&exact, &DetailConfig::default());
+    let is_compensated = source.is_compensated();
+    let mut config = DetailConfig::default();
+    if is_compensated {
+        // Merged Gaussians keep their light without it.
+        config.dilation_px2 = 0.0;
+    }
+    let detail = DetailScene::new(&exact, &config);
     Ok(SectorGaussians {
         detail: detail.map_err(|error| wrong(error.to_string()))?,
         exact,
-        is_compensated: source.is_compensated(),
+        is_compensated,
     })
 }

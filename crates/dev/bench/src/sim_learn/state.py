@@ -19,14 +19,19 @@ def state(scene, question):
         )
         times.append({"wall_s": time.perf_counter() - wall, "cpu_s": time.process_time() - cpu})
         curves.append(curve)
-    trained = example.evaluate(
-        scene, config, lambda o: model.predict(o, deterministic=True)[0], **goals
-    )
-    for result in (random, trained):
+
+    def act(observations):
+        return model.predict(observations, deterministic=True)[0]
+
+    trained = example.evaluate(scene, config, act, **goals)
+    goals["goal_seed"] = common.HELD_BACK_GOAL_SEED
+    held_back = example.evaluate(scene, config, act, **goals)
+    for result in (random, trained, held_back):
         del result["returns"]
     return {
         "random": random,
         "trained": trained,
+        "trained_held_back": held_back,
         "curve": curves[0],
         "same_seed_same_curve": curves[0] == curves[1],
         "times": times,

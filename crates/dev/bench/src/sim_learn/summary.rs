@@ -56,13 +56,15 @@ fn speed(row: &Value) -> String {
 fn state(row: &Value) -> String {
     format!(
         "success on unseen goals {:.1} % before (goal below {:.0} %), {:.1} % after {} steps (goal \
-         {:.0} %), SPL {:.2}; same seed, same curve: {}; {:.0} s, {:.0} s of processor time",
+         {:.0} %), SPL {:.2}, {:.1} % on goals that were held back; same seed, same curve: {}; \
+         {:.0} s, {:.0} s of processor time",
         percent(&row["random"]["success"]),
         100.0 * SUCCESS[0],
         percent(&row["trained"]["success"]),
         row["steps"],
         100.0 * SUCCESS[1],
         number(&row["trained"]["spl"]),
+        percent(&row["trained_held_back"]["success"]),
         row["same_seed_same_curve"],
         number(&row["times"][0]["wall_s"]),
         number(&row["times"][0]["cpu_s"]),

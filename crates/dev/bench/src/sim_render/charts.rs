@@ -79,8 +79,9 @@ fn curve_chart(part: &Value) -> Chart {
             false => "",
         };
         let exact = (EXACT_DB, number(&curve["exact"]["fps"]));
-        let points = rows(&curve["rows"]).iter().map(at).chain([exact]);
-        let labels: Vec<&str> = rows(&curve["rows"]).iter().map(label).chain([""]).collect();
+        let settings = rows(&curve["rows"]).iter();
+        let points = [exact].into_iter().chain(settings.clone().map(at));
+        let labels: Vec<&str> = [""].into_iter().chain(settings.map(label)).collect();
         let title = format!("{}x{}", size["width"], size["height"]);
         chart.series(Series::line(&title, points).labels(labels))
     })

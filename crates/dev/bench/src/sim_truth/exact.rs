@@ -86,7 +86,10 @@ pub(super) fn measure(quick: bool) -> Result<Vec<Value>> {
                 for offset_m in OFFSETS_M {
                     let mut row = of_offset(scene, &batch, offset_m, quick)?;
                     row["scene"] = scene.scene.name.clone().into();
-                    row["lens"] = distortion.name().into();
+                    row["lens"] = match distortion {
+                        Distortion::None => "pinhole".into(),
+                        _ => distortion.name().into(),
+                    };
                     row["quality"] = match quality {
                         Quality::Exact => "exact".into(),
                         Quality::Detail => "detail".into(),
