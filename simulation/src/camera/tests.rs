@@ -100,7 +100,12 @@ fn depth_is_that_of_the_surfaces_with_all_lenses_on_and_off_the_walk() {
 }
 
 /// A pose moved in the horizontal plane along a direction, and rotated about the vertical axis.
-fn moved(pose: &RigidTransform, offset_m: f64, along_rad: f64, yaw_rad: f64) -> RigidTransform {
+fn with_offset(
+    pose: &RigidTransform,
+    offset_m: f64,
+    along_rad: f64,
+    yaw_rad: f64,
+) -> RigidTransform {
     let yaw = RigidTransform::from_rotation_vector([0.0, 0.0, yaw_rad], [0.0; 3]).unwrap();
     let [x, y, z] = pose.translation_m();
     let to = [
@@ -126,7 +131,7 @@ fn depth_is_that_of_the_surfaces_beside_the_walk() {
             for number in 0..6 {
                 let yaw_rad = 30_f64.to_radians() * f64::from(number % 3 - 1);
                 let along_rad = std::f64::consts::FRAC_PI_3 * f64::from(number);
-                let pose = moved(&pose, offset_m, along_rad, yaw_rad);
+                let pose = with_offset(&pose, offset_m, along_rad, yaw_rad);
                 let request = FrameRequest::new(0, pose);
                 let found = depth_errors(&batch, &request, &scene.surfaces[0]);
                 // Others stand in the stairs or look away from them.

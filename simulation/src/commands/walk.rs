@@ -122,7 +122,10 @@ impl Walk {
         let bar = progress_bar(0, "predicting the PSNR of images")?;
         walk.world.prepare(&|done, count| {
             bar.set_length(count as u64);
-            bar.set_position(done as u64);
+            bar.inc(1);
+            if bar.is_hidden() && 10 * done / count > 10 * (done - 1) / count {
+                log::info!("predicted the PSNR of {done} of {count} images");
+            }
             ControlFlow::Continue(())
         })?;
         bar.finish_and_clear();

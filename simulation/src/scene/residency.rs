@@ -183,13 +183,13 @@ impl GaussianStore {
         self.fits(&needed)?;
         // The sector is needed now: what other threads load meanwhile may exceed the budget until
         // it leaves.
-        let mut removed = Vec::new();
+        let mut leaving = Vec::new();
         let budget_bytes = self.config.budget_bytes;
         self.shared
-            .make_room(&mut state, &needed, budget_bytes, &mut removed);
+            .make_room(&mut state, &needed, budget_bytes, &mut leaving);
         state.slots.insert(sector, Slot::Loading);
         drop(state);
-        drop(removed);
+        drop(leaving);
         let loaded = self.shared.load(sector);
         let mut state = self.shared.lock();
         state.slots.remove(&sector);

@@ -65,6 +65,13 @@ impl SyntheticScene {
             true => source.observed()?,
             false => None,
         };
+        if is_observed && observed.is_none() {
+            return Err(SimulationError::Scene {
+                place: format!("scene {}", self.scene.name),
+                found: "Gaussians that no camera recorded".to_owned(),
+                expected: "those of a synthetic scene with its own spacing".to_owned(),
+            });
+        }
         let coverage = observed.as_ref().map(|observed| observed.coverage());
         let record = record_of(source, coverage);
         let content = coverage.map(content_of);

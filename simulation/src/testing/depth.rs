@@ -33,7 +33,9 @@ impl DepthErrors {
         };
         for row in 0..frames.height {
             for column in 0..frames.width {
-                let Some(ray) = lens.unproject([column as f64, row as f64]) else {
+                // What is beside or behind the camera has no depth.
+                let ray = lens.unproject([column as f64, row as f64]);
+                let Some(ray) = ray.filter(|ray| ray[2] > 0.0) else {
                     continue;
                 };
                 // Of depth 1, so that the multiple is the depth.

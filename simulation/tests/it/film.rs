@@ -50,7 +50,7 @@ fn an_agent_walks_to_goals_and_the_same_seed_gives_the_same_film() {
 
 /// On a bundle, of which a record says what its training saw.
 #[test]
-fn an_agent_stays_where_the_predicted_psnr_is_high_enough() {
+fn limits_of_the_predicted_psnr_need_a_record_of_the_training() {
     let folder = tempfile::tempdir().expect("a folder");
     let scene = folder.path().join("plane.scene");
     let plane = SyntheticScene::tilted_plane([0.05, 0.0]).expect("a plane");

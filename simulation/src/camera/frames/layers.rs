@@ -10,12 +10,15 @@ use cad_transforms::RigidTransform;
 use camera_models::CameraModel;
 use splats::{Camera, Exposure, Image, Renderer, Shutter};
 
-use super::fade::{cross_fade, enlarged, half};
+use super::fade::{cross_fade, enlarge, half};
 use super::{FrameRequest, refused};
 use crate::camera::CameraConfig;
 use crate::camera::sensor::{Quality, scaled_model};
 use crate::error::SimulationError;
 use crate::scene::{GaussianStore, SceneData, SectorGaussians, Similarity};
+
+/// Weights this near to a half are those of equal sides.
+const EQUAL_WEIGHTS: f32 = 0.05;
 
 /// Gaussians of all sectors of a batch, in memory until it is rendered.
 pub(super) struct Contents(BTreeMap<usize, Arc<SectorGaussians>>);
@@ -120,7 +123,7 @@ impl Layers {
             };
             let size = [config.model.width, config.model.height].map(|edge| edge as usize);
             Ok(match is_half {
-                true => enlarged(&image, size),
+                true => enlarge(&image, size),
                 false => image,
             })
         };
@@ -128,7 +131,11 @@ impl Layers {
             return render(self.sector(), &pose, 1.0, false);
         };
         let is_fast = config.quality == Quality::Detail;
-        let here_is_less = fade.weight > 0.5;
+        // Along a border of equal depths both weights are nearly a half: the sides do not take turns.
+        let here_is_less = match (fade.weight - 0.5).abs() < EQUAL_WEIGHTS {
+            true => fade.sector < self.sector(),
+            false => fade.weight > 0.5,
+        };
         let scale = fade.there_from_here.scale();
         let pose_there = fade.there_from_here.carry(&pose);
         let mut image = render(self.sector(), &pose, 1.0, is_fast && here_is_less)?;

@@ -73,14 +73,15 @@ impl Shared {
     }
 
     /// Removes sectors used longest ago until the needed ones fit; false if they do not because of
-    /// others that are being loaded. What is removed is the caller's to drop without the lock: that
-    /// takes milliseconds, for which images would wait.
+    /// others that are being loaded. What leaves is the caller's to drop without the lock: that
+    /// takes milliseconds, for which images would wait. Until then its memory is used, although it
+    /// counts as free.
     pub(super) fn make_room(
         &self,
         state: &mut State,
         needed: &[usize],
         budget_bytes: u64,
-        removed: &mut Vec<Slot>,
+        leaving: &mut Vec<(usize, Slot)>,
     ) -> bool {
         let of_needed: u64 = needed.iter().map(|sector| self.bytes(*sector)).sum();
         loop {
@@ -100,18 +101,21 @@ impl Shared {
             let Some((_, oldest)) = resident.min() else {
                 return false;
             };
-            removed.extend(state.slots.remove(&oldest));
+            leaving.extend(state.slots.remove_entry(&oldest));
         }
     }
 
     /// Loads what is wished for until the store closes, on this thread alone: images are rendered
     /// meanwhile.
     pub(super) fn prefetch(&self, budget_bytes: u64) {
-        // Without it several threads would load.
-        let _pool = rayon::ThreadPoolBuilder::new()
+        // Its registry stays in memory when the thread ends, some kilobytes for each store.
+        let pool = rayon::ThreadPoolBuilder::new()
             .num_threads(1)
             .use_current_thread()
             .build();
+        if let Err(error) = &pool {
+            log::warn!("sectors are loaded ahead by several threads: {error}");
+        }
         let mut state = self.lock();
         while !state.is_closing {
             let Some(sector) = state.wishes.pop() else {
@@ -133,17 +137,15 @@ impl Shared {
             if bytes > budget_bytes {
                 continue;
             }
-            let mut removed = Vec::new();
-            let has_room = self.make_room(&mut state, &needed, budget_bytes, &mut removed);
-            if has_room {
-                state.slots.insert(sector, Slot::Loading);
-            }
-            drop(state);
-            drop(removed);
-            if !has_room {
-                state = self.lock();
+            let mut leaving = Vec::new();
+            if !self.make_room(&mut state, &needed, budget_bytes, &mut leaving) {
+                // For nothing.
+                state.slots.extend(leaving);
                 continue;
             }
+            state.slots.insert(sector, Slot::Loading);
+            drop(state);
+            drop(leaving);
             let loaded = self.load(sector);
             state = self.lock();
             let used = state.clock;

@@ -110,6 +110,26 @@ fn sectors_beyond_a_near_border_are_loaded_ahead() {
     assert_eq!(count.load(Ordering::SeqCst), 2);
 }
 
+/// Images are rendered meanwhile.
+#[test]
+fn sectors_are_loaded_ahead_by_one_thread() {
+    let scene = corridor();
+    let small = SyntheticScene::kerb(0.1).unwrap().scene;
+    let threads = Arc::new(AtomicUsize::new(0));
+    let of_loader = threads.clone();
+    let loader = move |_: &SceneData, _: usize| {
+        of_loader.fetch_max(rayon::current_num_threads(), Ordering::SeqCst);
+        load(&small, 0)
+    };
+    let store = GaussianStore::with_loader(scene.clone(), budget(&scene, 4), Box::new(loader));
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(3).build();
+    let update = || store.update(&[(0, [6.0, 1.0, 0.0])]);
+    pool.unwrap().install(update).unwrap();
+    store.wait_for_prefetch();
+    assert_eq!(store.resident(), [1, 3]);
+    assert_eq!(threads.load(Ordering::SeqCst), 1);
+}
+
 #[test]
 fn failures_ahead_are_errors_of_the_call_that_needs_the_sector() {
     let scene = corridor();

@@ -33,7 +33,15 @@ pub(super) fn draw(report: &Map<String, Value>) -> Vec<(String, String)> {
                 if rows.iter().any(|row| row["report"].is_object()) {
                     all.push(("shape-support", false_support(rows)));
                     all.push(("shape-time", step_time(rows)));
+                }
+                let has = |key: &str| {
+                    let of_walks = rows.iter().flat_map(|row| entries(&row["report"]["rows"]));
+                    of_walks.into_iter().any(|own| own[key].is_object())
+                };
+                if has("step_edges") {
                     all.push(("shape-edges", step_edges(rows)));
+                }
+                if has("normals") {
                     all.push(("shape-slopes", slopes(rows)));
                 }
                 all

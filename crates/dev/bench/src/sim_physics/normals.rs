@@ -23,7 +23,7 @@ pub(super) fn angles(mut angles_deg: Vec<f64>) -> Value {
 }
 
 /// The angle between the slopes of two surfaces under a foot, degrees; `None` where the second, the
-/// truth, has an edge or a hole. Where the first has one, its plane is through what is there.
+/// truth, has an edge, and where one of them has a hole. Edges of the first are errors of its slope.
 pub(super) fn angle_deg(
     points: &[Vector2<f64>],
     found: impl Fn(Vector2<f64>) -> Option<f64>,
@@ -88,6 +88,7 @@ mod tests {
         let hole = |at: Vector2<f64>| (at.x < 40.005).then_some(0.0);
         assert!(angle_deg(&foot(), level, step).is_none());
         assert!(angle_deg(&foot(), level, hole).is_none());
+        assert!(angle_deg(&foot(), hole, level).is_none());
         let tilted = angle_deg(&foot(), step, level).expect("an angle");
         assert!(tilted > 45.0, "{tilted}");
     }

@@ -31,7 +31,7 @@ const SCRIPT: &str = "sim_physics/shape.py";
 const FOOT_M: f64 = 0.02;
 /// Edge of the cells of places, and their distance from footprints, m.
 const CELL_M: f64 = 0.02;
-const REACH_M: f64 = 0.6;
+pub(super) const REACH_M: f64 = 0.6;
 /// Surfaces farther from the true ground belong to another level, m.
 pub(super) const LEVEL_M: f64 = 0.4;
 /// A foot that finds no true surface this near is held by nothing, m.

@@ -1,16 +1,16 @@
 //! Step edges of a collision shape: where they are, and how high, against the true ones.
 //!
-//! Profiles cross a true edge every five centimetres of it. Heights are compared six centimetres
-//! from the edge on both sides; the edge of the shape is where its profile, from the upper side on,
-//! first falls below the middle of both true heights.
+//! Profiles cross a true edge every five centimetres of it, where feet go. Heights are compared six
+//! centimetres from the edge on both sides; the edge of the shape is where its profile, from the
+//! upper side on, first falls below the middle of both true heights.
 
 use nalgebra::Vector2;
 use serde_json::{Value, json};
 
 use super::probe::Probe;
-use super::shape::LEVEL_M;
+use super::shape::{LEVEL_M, REACH_M as FEET_M};
 use crate::terrain::scores::Quantiles;
-use crate::terrain::truth::{Step, Truth};
+use crate::terrain::truth::{Footprint, Step, Truth};
 
 /// Distance of profiles along an edge, and from its ends, m.
 const ALONG_M: f64 = 0.05;
@@ -26,7 +26,8 @@ const SAME_M: f64 = 0.01;
 pub(super) fn step_edges(probe: &Probe, truth: &Truth<'_>) -> Value {
     let (mut profiles, mut lacking) = (0, 0);
     let (mut positions, mut heights) = (Vec::new(), Vec::new());
-    for profile in truth.edges.iter().flat_map(|step| of_edge(step, truth)) {
+    let all = truth.edges.iter().flat_map(|step| of_edge(step, truth));
+    for profile in all.filter(|profile| profile.is_near(&truth.footprints)) {
         profiles += 1;
         match profile.found(probe) {
             Some((position_m, height_m)) => {
@@ -84,6 +85,15 @@ fn of_edge<'a>(step: &Step, truth: &'a Truth<'_>) -> impl Iterator<Item = Profil
 }
 
 impl Profile {
+    /// Whether feet go there.
+    fn is_near(&self, footprints: &[Footprint]) -> bool {
+        footprints.iter().any(|print| {
+            let [x, y, z] = print.middle;
+            let far_m = (Vector2::new(x, y) - self.at).norm();
+            far_m <= FEET_M && (z - self.true_m[0]).abs() <= LEVEL_M
+        })
+    }
+
     /// Errors of the position of the edge, positive towards the lower side, and of its height, m.
     fn found(&self, probe: &Probe) -> Option<(f64, f64)> {
         let [upper_m, lower_m] = self.true_m;

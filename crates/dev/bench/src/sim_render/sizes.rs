@@ -85,6 +85,9 @@ impl Setting {
     fn new(scene: &OpenedScene, max_sigma_px: f32) -> Result<Self> {
         let mut config = DetailConfig::default();
         config.max_sigma_px = max_sigma_px;
+        if scene.content.is_compensated {
+            config.dilation_px2 = 0.0;
+        }
         Ok(Self {
             max_sigma_px,
             detail: DetailScene::new(&scene.content.exact, &config)?,

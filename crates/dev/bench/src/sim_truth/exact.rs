@@ -113,14 +113,20 @@ fn of_offset(
     let every = references.len().div_ceil(if quick { 1 } else { CAMERAS });
     let mut requests = Vec::new();
     for (number, pose) in references.iter().step_by(every.max(1)).enumerate() {
-        for direction in 0..DIRECTIONS {
+        // Without an offset only rotations differ.
+        let directions = if offset_m == 0.0 {
+            YAWS_DEG.len()
+        } else {
+            DIRECTIONS
+        };
+        for direction in 0..directions {
             let along_rad = TAU * direction as f64 / DIRECTIONS as f64;
             let yaw_deg = YAWS_DEG[(direction + number) % YAWS_DEG.len()];
-            let pose = moved(pose, offset_m, along_rad, yaw_deg.to_radians())?;
+            let pose = with_offset(pose, offset_m, along_rad, yaw_deg.to_radians())?;
             requests.push(FrameRequest::new(0, pose));
         }
     }
-    let found: Result<Vec<DepthErrors>> = requests
+    let depths: Result<Vec<DepthErrors>> = requests
         .par_iter()
         .map(|request| {
             let mut frames = Frames::default();
@@ -130,7 +136,7 @@ fn of_offset(
         })
         .collect();
     let (mut errors_m, mut missing, mut views) = (Vec::new(), 0, 0);
-    for own in found?
+    for own in depths?
         .into_iter()
         .filter(|own| own.nearest_m >= CLEARANCE_M)
     {
@@ -154,7 +160,7 @@ fn of_offset(
 }
 
 /// A pose moved in the horizontal plane, and rotated about the vertical axis.
-fn moved(
+fn with_offset(
     pose: &RigidTransform,
     offset_m: f64,
     along_rad: f64,

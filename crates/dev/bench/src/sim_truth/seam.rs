@@ -5,6 +5,7 @@
 //! session is aligned to that of the first, which gives the edge between both. Compared are poses
 //! carried over the edge, there and back, and images and depths of both sides at one pose.
 
+use std::ops::RangeInclusive;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -50,6 +51,8 @@ const GOAL_DB: f64 = 30.0;
 const NEAR_M: f64 = 1.0;
 /// Depths below which differences are stated apart, m.
 const NEAR_DEPTH_M: f64 = 3.0;
+/// Weights with which images of both sides are blended.
+const BLENDED: RangeInclusive<f64> = 0.05..=0.95;
 /// What belongs to a session beside its path, m.
 const BESIDE_M: f64 = 5.0;
 
@@ -347,7 +350,7 @@ fn cross_faded(
             first
         }],
     )?;
-    let compared = |scene: Arc<SceneData>, poses: &[RigidTransform]| -> Result<Value> {
+    let compare = |scene: Arc<SceneData>, poses: &[RigidTransform]| -> Result<Value> {
         let requests: Vec<FrameRequest> = poses
             .iter()
             .map(|pose| FrameRequest::new(0, *pose))
@@ -380,12 +383,18 @@ fn cross_faded(
             "depth_m": shares(depths_m),
         }))
     };
-    let is_faded = |pose: &&RigidTransform| scene.fade(0, pose.translation_m()).is_some();
+    // Beyond the band one side alone counts.
+    let is_faded = |pose: &&RigidTransform| {
+        let fade = scene.fade(0, pose.translation_m());
+        fade.is_some_and(|(_, weight)| BLENDED.contains(&weight))
+    };
     let faded: Vec<RigidTransform> = near.iter().filter(is_faded).copied().collect();
-    ensure!(!faded.is_empty(), "no camera where images are cross-faded");
+    if faded.is_empty() {
+        return Ok(Value::Null);
+    }
     Ok(json!({
-        "two": compared(scene.clone(), &faded)?,
-        "one": compared(Arc::new(alone), &faded)?,
+        "two": compare(scene.clone(), &faded)?,
+        "one": compare(Arc::new(alone), &faded)?,
     }))
 }
 
