@@ -3,6 +3,10 @@
 //! Agents stand where episodes start: anywhere on the ground within 3 m of the recorded path, with
 //! any heading. No such view is one of the training, and the constants of the prediction come from
 //! other walks.
+//!
+//! Where the gain of the cameras is not known, the training does not determine how bright the scene
+//! is as a whole: one factor for all views of a walk is estimated from them, and the PSNR without it
+//! is stated beside.
 
 use std::sync::Arc;
 
@@ -14,10 +18,11 @@ use simulation::{
     Area, GaussianSource, ObservedScene, Recording, SceneData, Sector, SupportConfig, Task, World,
     WorldConfig, pinhole,
 };
-use splats::{Camera, Coverage, Renderer, psnr_db};
+use splats::{Camera, Coverage, Image, Renderer, TrainingView, psnr_db};
 use terrain::FusionConfig;
 
 use super::depth::{QUICK_STEPS, STEPS};
+use crate::meter;
 use crate::splats::fit;
 use crate::splats::views::{Part, ViewOptions, WalkViews};
 use crate::terrain::keyframes::{Source, depth_frames, keyframes};
@@ -41,6 +46,7 @@ const GRIDS: [(f64, usize); 3] = [(0.5, 8), (0.5, 16), (1.0, 8)];
 /// A view of an agent: what images, and grids, say of its PSNR, dB.
 struct Sample {
     psnr_db: f64,
+    psnr_without_gain_db: f64,
     judged_db: f64,
     grids_db: Vec<f64>,
     distance_m: f64,
@@ -84,21 +90,32 @@ pub(super) fn measure(walk: Walk, quick: bool) -> Result<Value> {
     let worlds = grids.iter().map(|grid| world(&scene, *grid, quick));
     let worlds: Vec<World> = worlds.collect::<Result<_>>()?;
     let agents: Vec<usize> = (0..worlds[0].environments()).collect();
-    let samples: Result<Vec<Sample>> = agents
+    let field_of_view_rad = SupportConfig::default().field_of_view_rad;
+    let shown = pinhole(SIZE, field_of_view_rad)?;
+    let pairs: Result<Vec<(Image, TrainingView)>> = agents
         .par_iter()
         .map(|agent| {
             let (_, pose) = worlds[0].world_from_camera(*agent);
-            let [shown, judged] = [SIZE, JUDGED_SIZE].map(|size| {
-                let field_of_view_rad = SupportConfig::default().field_of_view_rad;
-                pinhole(size, field_of_view_rad)
-            });
-            let truth = views.pinhole(0, shown?, &pose)?;
+            let truth = views.pinhole(0, shown, &pose)?;
             let found = renderer.render(&fit.scene, &truth.camera, &truth.exposure);
-            let camera = Camera::new(judged?, pose.inverse())?;
+            Ok((found, truth))
+        })
+        .collect();
+    let pairs = pairs?;
+    let gain = meter::median(pairs.iter().map(|(found, truth)| gain(found, truth)));
+    let samples: Result<Vec<Sample>> = (agents.par_iter().zip(pairs))
+        .map(|(agent, (mut found, truth))| {
+            let (_, pose) = worlds[0].world_from_camera(*agent);
+            let psnr_without_gain_db = psnr_db(&found, &truth);
+            let colors = found.rgb.iter_mut().flatten();
+            colors.for_each(|value| *value *= gain as f32);
+            let judged = pinhole(JUDGED_SIZE, field_of_view_rad)?;
+            let camera = Camera::new(judged, pose.inverse())?;
             let confidence = observed.confidence(&renderer, &fit.scene, &camera)?;
             let result = worlds[0].result();
             Ok(Sample {
                 psnr_db: psnr_db(&found, &truth),
+                psnr_without_gain_db,
                 judged_db: f64::from(confidence.psnr_db),
                 grids_db: (worlds.iter())
                     .map(|world| f64::from(world.result().support_db[*agent]))
@@ -122,6 +139,7 @@ pub(super) fn measure(walk: Walk, quick: bool) -> Result<Value> {
     let rows = samples.iter().map(|own| {
         json!({
             "psnr_db": own.psnr_db,
+            "psnr_without_gain_db": own.psnr_without_gain_db,
             "judged_db": own.judged_db,
             "grid_db": own.grids_db[0],
             "distance_m": own.distance_m,
@@ -132,12 +150,21 @@ pub(super) fn measure(walk: Walk, quick: bool) -> Result<Value> {
         "goal_mae_db": GOAL_DB,
         "steps": steps,
         "agents": samples.len(),
+        "gain": gain,
         "mean_db": mean_db,
+        "mean_without_gain_db": mean(&samples, |own| own.psnr_without_gain_db),
         "mae_db_of_mean": mean(&samples, |own| (own.psnr_db - mean_db).abs()),
         "judged": scores(&samples, |own| own.judged_db),
         "grids": grids.collect::<Vec<_>>(),
         "samples": rows.collect::<Vec<_>>(),
     }))
+}
+
+/// The factor between the means of all colors of an image and of the truth.
+fn gain(found: &Image, truth: &TrainingView) -> f64 {
+    let of_truth: f64 = truth.rgb.iter().map(|v| f64::from(*v) / 255.0).sum();
+    let of_found: f64 = found.rgb.iter().flatten().map(|v| f64::from(*v)).sum();
+    of_truth / of_found.max(1e-9)
 }
 
 /// Agents at the starts of episodes, with predictions of a grid.
