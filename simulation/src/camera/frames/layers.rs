@@ -131,7 +131,8 @@ impl Layers {
             return render(self.sector(), &pose, 1.0, false);
         };
         let is_fast = config.quality == Quality::Detail;
-        // Along a border of equal depths both weights are nearly a half: the sides do not take turns.
+        // Along a border of equal depths both weights are nearly a half: the sides do not take
+        // turns there.
         let here_is_less = match (fade.weight - 0.5).abs() < EQUAL_WEIGHTS {
             true => fade.sector < self.sector(),
             false => fade.weight > 0.5,

@@ -108,7 +108,7 @@ impl Shared {
     /// Loads what is wished for until the store closes, on this thread alone: images are rendered
     /// meanwhile.
     pub(super) fn prefetch(&self, budget_bytes: u64) {
-        // Its registry stays in memory when the thread ends, some kilobytes for each store.
+        // Its registry is not freed when the thread ends: some kilobytes for each store.
         let pool = rayon::ThreadPoolBuilder::new()
             .num_threads(1)
             .use_current_thread()

@@ -23,7 +23,8 @@ pub(super) fn angles(mut angles_deg: Vec<f64>) -> Value {
 }
 
 /// The angle between the slopes of two surfaces under a foot, degrees; `None` where the second, the
-/// truth, has an edge, and where one of them has a hole. Edges of the first are errors of its slope.
+/// truth, has an edge, and where one of them has a hole. Edges of the first are errors of its
+/// slope.
 pub(super) fn angle_deg(
     points: &[Vector2<f64>],
     found: impl Fn(Vector2<f64>) -> Option<f64>,

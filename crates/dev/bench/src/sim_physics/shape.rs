@@ -19,7 +19,7 @@ use super::model;
 use super::normals::{angle_deg, angles};
 use super::probe::Probe;
 use super::step_edges::step_edges;
-use super::values::{CONTACT_GOAL_MM, FALSE_SUPPORT_GOAL, entries, modules};
+use super::values::{CONTACT_GOAL_MM, FALSE_SUPPORT_GOAL, FEET_REACH_M, LEVEL_M, entries, modules};
 use crate::python;
 use crate::terrain::parts;
 use crate::terrain::scores::Quantiles;
@@ -29,11 +29,8 @@ use crate::terrain::truth::Truth;
 const SCRIPT: &str = "sim_physics/shape.py";
 /// Radius of a foot, m.
 const FOOT_M: f64 = 0.02;
-/// Edge of the cells of places, and their distance from footprints, m.
+/// Edge of the cells of places, m.
 const CELL_M: f64 = 0.02;
-pub(super) const REACH_M: f64 = 0.6;
-/// Surfaces farther from the true ground belong to another level, m.
-pub(super) const LEVEL_M: f64 = 0.4;
 /// A foot that finds no true surface this near is held by nothing, m.
 const SUPPORT_M: f64 = 0.03;
 /// Time step of the bodies that measure the engines, s.
@@ -96,7 +93,7 @@ pub(super) fn report(surface: &Surface, truth: &Truth<'_>, folder: &Path) -> Res
 
 /// Places with true ground: x, y and its height, m.
 fn places(truth: &Truth<'_>) -> Vec<[f64; 3]> {
-    let cells = truth.cells(CELL_M, REACH_M).into_iter();
+    let cells = truth.cells(CELL_M, FEET_REACH_M).into_iter();
     let on_ground = cells.filter_map(|[x, y, z]| {
         let height = truth.ground([x, y, z], LEVEL_M)?;
         ((height - z).abs() < LEVEL_M).then_some([x, y, height])

@@ -8,7 +8,7 @@ use nalgebra::Vector2;
 use serde_json::{Value, json};
 
 use super::probe::Probe;
-use super::shape::{LEVEL_M, REACH_M as FEET_M};
+use super::values::{FEET_REACH_M, LEVEL_M};
 use crate::terrain::scores::Quantiles;
 use crate::terrain::truth::{Footprint, Step, Truth};
 
@@ -90,7 +90,7 @@ impl Profile {
         footprints.iter().any(|print| {
             let [x, y, z] = print.middle;
             let far_m = (Vector2::new(x, y) - self.at).norm();
-            far_m <= FEET_M && (z - self.true_m[0]).abs() <= LEVEL_M
+            far_m <= FEET_REACH_M && (z - self.true_m[0]).abs() <= LEVEL_M
         })
     }
 

@@ -4,6 +4,12 @@ use std::path::{Path, PathBuf};
 
 use serde_json::Value;
 
+/// Feet go this far from footprints, m.
+pub(super) const FEET_REACH_M: f64 = 0.6;
+
+/// Surfaces farther from the true ground belong to another level, m.
+pub(super) const LEVEL_M: f64 = 0.4;
+
 /// Farthest contact from the true surface, mm.
 pub(super) const CONTACT_GOAL_MM: f64 = 10.0;
 

@@ -5,8 +5,8 @@
 //! other walks.
 //!
 //! Where the gain of the cameras is not known, the training does not determine how bright the scene
-//! is as a whole: one factor for all views of a walk is estimated from them, and the PSNR without it
-//! is stated beside.
+//! is as a whole: one factor for all views of a walk is estimated from them, and the PSNR without
+//! it is stated beside.
 
 use std::sync::Arc;
 
@@ -18,7 +18,7 @@ use simulation::{
     Area, GaussianSource, ObservedScene, Recording, SceneData, Sector, SupportConfig, Task, World,
     WorldConfig, pinhole,
 };
-use splats::{Camera, Coverage, Image, Renderer, TrainingView, psnr_db};
+use splats::{Camera, Coverage, Image, Renderer, Scene, TrainingView, psnr_db};
 use terrain::FusionConfig;
 
 use super::depth::{QUICK_STEPS, STEPS};
@@ -91,17 +91,7 @@ pub(super) fn measure(walk: Walk, quick: bool) -> Result<Value> {
     let worlds: Vec<World> = worlds.collect::<Result<_>>()?;
     let agents: Vec<usize> = (0..worlds[0].environments()).collect();
     let field_of_view_rad = SupportConfig::default().field_of_view_rad;
-    let shown = pinhole(SIZE, field_of_view_rad)?;
-    let pairs: Result<Vec<(Image, TrainingView)>> = agents
-        .par_iter()
-        .map(|agent| {
-            let (_, pose) = worlds[0].world_from_camera(*agent);
-            let truth = views.pinhole(0, shown, &pose)?;
-            let found = renderer.render(&fit.scene, &truth.camera, &truth.exposure);
-            Ok((found, truth))
-        })
-        .collect();
-    let pairs = pairs?;
+    let pairs = images(&views, &renderer, &fit.scene, &worlds[0])?;
     let gain = meter::median(pairs.iter().map(|(found, truth)| gain(found, truth)));
     let samples: Result<Vec<Sample>> = (agents.par_iter().zip(pairs))
         .map(|(agent, (mut found, truth))| {
@@ -158,6 +148,26 @@ pub(super) fn measure(walk: Walk, quick: bool) -> Result<Value> {
         "grids": grids.collect::<Vec<_>>(),
         "samples": rows.collect::<Vec<_>>(),
     }))
+}
+
+/// What each agent sees, rendered and in truth.
+fn images(
+    views: &WalkViews,
+    renderer: &Renderer,
+    scene: &Scene,
+    world: &World,
+) -> Result<Vec<(Image, TrainingView)>> {
+    let shown = pinhole(SIZE, SupportConfig::default().field_of_view_rad)?;
+    let image = |agent: usize| {
+        let (_, pose) = world.world_from_camera(agent);
+        let truth = views.pinhole(0, shown, &pose)?;
+        let found = renderer.render(scene, &truth.camera, &truth.exposure);
+        Ok((found, truth))
+    };
+    (0..world.environments())
+        .into_par_iter()
+        .map(image)
+        .collect()
 }
 
 /// The factor between the means of all colors of an image and of the truth.
