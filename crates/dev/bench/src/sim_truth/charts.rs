@@ -30,7 +30,7 @@ pub(super) fn draw(report: &Map<String, Value>) -> Vec<(String, String)> {
 
 /// Depth of synthetic scenes over the offset, the worst of all scenes for each lens.
 fn exact(all: &[Value]) -> Chart {
-    let chart = Chart::new("Depth of synthetic scenes beside the walk, four lenses")
+    let mut chart = Chart::new("Depth of synthetic scenes beside the walk, four lenses")
         .subtitle("largest of three scenes, up to 5 m of depth; rotations up to 30 degrees")
         .x_axis(Axis::linear("offset from the walk", "m").include(0.0))
         .y_axis(Axis::log("error of the depth", "mm"));
@@ -46,7 +46,6 @@ fn exact(all: &[Value]) -> Chart {
         points
     };
     let lenses: BTreeSet<&str> = all.iter().filter_map(|row| row["lens"].as_str()).collect();
-    let mut chart = chart;
     for lens in lenses {
         for (key, name) in [("median_mm", "median"), ("p95_mm", "95th percentile")] {
             chart = chart.series(Series::line(&format!("{lens}, {name}"), worst(lens, key)));

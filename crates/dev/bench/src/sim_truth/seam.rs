@@ -342,14 +342,9 @@ fn cross_faded(
     model: CameraModel,
     near: &[RigidTransform],
 ) -> Result<Value> {
-    let alone = SceneData::new(
-        "one session",
-        vec![{
-            let mut first = scene.sectors[0].clone();
-            first.edges.clear();
-            first
-        }],
-    )?;
+    let mut first = scene.sectors[0].clone();
+    first.edges.clear();
+    let alone = SceneData::new("one session", vec![first])?;
     let compare = |scene: Arc<SceneData>, poses: &[RigidTransform]| -> Result<Value> {
         let requests: Vec<FrameRequest> = poses
             .iter()
