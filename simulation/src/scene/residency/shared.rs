@@ -173,12 +173,7 @@ pub(super) fn load(scene: &SceneData, sector: usize) -> Result<SectorGaussians, 
     let source = source.ok_or_else(|| wrong("none".to_owned()))?;
     let exact = source.load()?;
     let is_compensated = source.is_compensated();
-    let mut config = DetailConfig::default();
-    if is_compensated {
-        // Merged Gaussians keep their light without it.
-        config.dilation_px2 = 0.0;
-    }
-    let detail = DetailScene::new(&exact, &config);
+    let detail = DetailScene::new(&exact, &DetailConfig::for_compensation(is_compensated));
     Ok(SectorGaussians {
         detail: detail.map_err(|error| wrong(error.to_string()))?,
         exact,

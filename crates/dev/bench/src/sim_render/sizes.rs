@@ -83,11 +83,8 @@ struct Setting {
 
 impl Setting {
     fn new(scene: &OpenedScene, max_sigma_px: f32) -> Result<Self> {
-        let mut config = DetailConfig::default();
+        let mut config = DetailConfig::for_compensation(scene.content.is_compensated);
         config.max_sigma_px = max_sigma_px;
-        if scene.content.is_compensated {
-            config.dilation_px2 = 0.0;
-        }
         Ok(Self {
             max_sigma_px,
             detail: DetailScene::new(&scene.content.exact, &config)?,

@@ -28,3 +28,15 @@ config! {
         pub min_transmittance: f32 = 1e-4,
     }
 }
+
+impl DetailConfig {
+    /// The defaults for Gaussians that were trained with compensated dilation, or without: merged
+    /// ones keep their light only with the dilation of the images that they are for.
+    pub fn for_compensation(is_compensated: bool) -> Self {
+        let mut config = Self::default();
+        if is_compensated {
+            config.dilation_px2 = 0.0;
+        }
+        config
+    }
+}
