@@ -4,7 +4,7 @@ use camera_models::{Distortion, Lens};
 
 use super::*;
 use crate::scene::{GaussianStore, ResidencyConfig};
-use crate::testing::{DepthErrors, Surfaces, SyntheticScene};
+use crate::testing::{DepthErrors, Surfaces, SyntheticScene, beside};
 
 fn lens(distortion: Distortion) -> CameraModel {
     CameraModel::new((96, 72), [52.0, 53.0, 46.8, 36.2], distortion)
@@ -99,24 +99,6 @@ fn depth_is_that_of_the_surfaces_with_all_lenses_on_and_off_the_walk() {
     }
 }
 
-/// A pose moved in the horizontal plane along a direction, and rotated about the vertical axis.
-fn with_offset(
-    pose: &RigidTransform,
-    offset_m: f64,
-    along_rad: f64,
-    yaw_rad: f64,
-) -> RigidTransform {
-    let yaw = RigidTransform::from_rotation_vector([0.0, 0.0, yaw_rad], [0.0; 3]).unwrap();
-    let [x, y, z] = pose.translation_m();
-    let to = [
-        x + offset_m * libm::cos(along_rad),
-        y + offset_m * libm::sin(along_rad),
-        z,
-    ];
-    let rotation = (yaw * *pose).rotation_wxyz();
-    RigidTransform::from_wxyz(rotation, to).unwrap()
-}
-
 /// Offsets of PAWS-Sim: up to 3 m and 30 degrees. `bench sim_truth --only exact` has all lenses.
 #[test]
 fn depth_is_that_of_the_surfaces_beside_the_walk() {
@@ -131,7 +113,7 @@ fn depth_is_that_of_the_surfaces_beside_the_walk() {
             for number in 0..6 {
                 let yaw_rad = 30_f64.to_radians() * f64::from(number % 3 - 1);
                 let along_rad = std::f64::consts::FRAC_PI_3 * f64::from(number);
-                let pose = with_offset(&pose, offset_m, along_rad, yaw_rad);
+                let pose = beside(&pose, offset_m, along_rad, yaw_rad).unwrap();
                 let request = FrameRequest::new(0, pose);
                 let found = depth_errors(&batch, &request, &scene.surfaces[0]);
                 // Others stand in the stairs or look away from them.

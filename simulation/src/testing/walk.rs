@@ -1,7 +1,7 @@
 //! A walk along waypoints: poses of a rig, its camera, and contacts of feet on exact ground.
 
 use cad_transforms::rig::Foot;
-use cad_transforms::{Covariance, RigidTransform};
+use cad_transforms::{Covariance, RigidTransform, TransformError};
 use camera_models::{CameraModel, Distortion, Eye};
 use nalgebra::{UnitQuaternion, Vector3};
 use scene_bundle::outputs::contacts::{ContactEvent, FootContact};
@@ -27,6 +27,24 @@ const POSES_PER_CONTACT: usize = 6;
 const HALF_TRACK_M: f64 = 0.1;
 /// Name of the only camera.
 const CAMERA: &str = "front/left";
+
+/// A pose moved in the horizontal plane along a direction, and rotated about the vertical axis:
+/// beside a walk.
+///
+/// # Errors
+/// [`TransformError`] if a number is not finite.
+pub fn beside(
+    world_from_camera: &RigidTransform,
+    offset_m: f64,
+    along_rad: f64,
+    yaw_rad: f64,
+) -> Result<RigidTransform, TransformError> {
+    let turn = RigidTransform::from_rotation_vector([0.0, 0.0, yaw_rad], [0.0; 3])?;
+    let [x, y, z] = world_from_camera.translation_m();
+    let [dx, dy] = [libm::cos(along_rad), libm::sin(along_rad)].map(|v| offset_m * v);
+    let rotation = (turn * *world_from_camera).rotation_wxyz();
+    RigidTransform::from_wxyz(rotation, [x + dx, y + dy, z])
+}
 
 /// What a walk records. Waypoints are x, y and a height near which the ground is, m.
 pub(super) fn record(surfaces: &Surfaces, waypoints: &[[f64; 3]]) -> Recording {

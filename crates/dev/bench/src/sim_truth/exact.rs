@@ -9,11 +9,10 @@ use std::f64::consts::TAU;
 use std::sync::Arc;
 
 use anyhow::{Result, ensure};
-use cad_transforms::RigidTransform;
 use camera_models::{CameraModel, Distortion};
 use rayon::prelude::*;
 use serde_json::{Value, json};
-use simulation::testing::{DepthErrors, SyntheticScene};
+use simulation::testing::{DepthErrors, SyntheticScene, beside};
 use simulation::{
     CameraBatch, CameraConfig, FrameRequest, Frames, GaussianStore, Quality, ResidencyConfig,
 };
@@ -122,7 +121,7 @@ fn of_offset(
         for direction in 0..directions {
             let along_rad = TAU * direction as f64 / DIRECTIONS as f64;
             let yaw_deg = YAWS_DEG[(direction + number) % YAWS_DEG.len()];
-            let pose = with_offset(pose, offset_m, along_rad, yaw_deg.to_radians())?;
+            let pose = beside(pose, offset_m, along_rad, yaw_deg.to_radians())?;
             requests.push(FrameRequest::new(0, pose));
         }
     }
@@ -157,18 +156,4 @@ fn of_offset(
         "p95_mm": p95,
         "goals_mm": GOALS_M.map(|goal| 1e3 * goal),
     }))
-}
-
-/// A pose moved in the horizontal plane, and rotated about the vertical axis.
-fn with_offset(
-    pose: &RigidTransform,
-    offset_m: f64,
-    along_rad: f64,
-    yaw_rad: f64,
-) -> Result<RigidTransform> {
-    let turn = RigidTransform::from_rotation_vector([0.0, 0.0, yaw_rad], [0.0; 3])?;
-    let [x, y, z] = pose.translation_m();
-    let [dx, dy] = [libm::cos(along_rad), libm::sin(along_rad)].map(|v| offset_m * v);
-    let rotation = (turn * *pose).rotation_wxyz();
-    Ok(RigidTransform::from_wxyz(rotation, [x + dx, y + dy, z])?)
 }

@@ -6,7 +6,8 @@
 //!
 //! Where the gain of the cameras is not known, the training does not determine how bright the scene
 //! is as a whole: one factor for all views of a walk is estimated from them, and the PSNR without
-//! it is stated beside.
+//! it is stated beside. The PSNR is that at the brightness of the scene, which is what the
+//! prediction is about: twice as bright, the same image has twice the errors.
 
 use std::sync::Arc;
 
@@ -99,12 +100,13 @@ pub(super) fn measure(walk: Walk, quick: bool) -> Result<Value> {
             let psnr_without_gain_db = psnr_db(&found, &truth);
             let colors = found.rgb.iter_mut().flatten();
             colors.for_each(|value| *value *= gain as f32);
+            let psnr_at_truth_db = psnr_db(&found, &truth);
             let judged = pinhole(JUDGED_SIZE, field_of_view_rad)?;
             let camera = Camera::new(judged, pose.inverse())?;
             let confidence = observed.confidence(&renderer, &fit.scene, &camera)?;
             let result = worlds[0].result();
             Ok(Sample {
-                psnr_db: psnr_db(&found, &truth),
+                psnr_db: psnr_at_truth_db + 20.0 * libm::log10(gain),
                 psnr_without_gain_db,
                 judged_db: f64::from(confidence.psnr_db),
                 grids_db: (worlds.iter())
