@@ -360,6 +360,9 @@ class Usable(unittest.TestCase):
     def answers_ctrl_c(self, call, whole):
         """Ctrl-C ends a call that takes `whole` seconds long before its own end, in one of four
         tries: other programs may hold any of them up."""
+        # A shell starts background jobs with SIGINT ignored.
+        before = signal.signal(signal.SIGINT, signal.default_int_handler)
+        self.addCleanup(signal.signal, signal.SIGINT, before)
         tries = []
         for _ in range(4):
             if whole < 4 * LIMIT_S:

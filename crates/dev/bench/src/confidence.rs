@@ -2,7 +2,8 @@
 //!
 //! Scenes of simulated walks are trained with the preset `fast` at a third of the size. Views off
 //! the path, moved by 0.1 to 3 m and rotated by up to 30°, are compared with the truth of the
-//! simulator, without noise. A view is bad below 18 dB, or with a median error of depth above 10 %.
+//! simulator, without noise, at the brightness of the scene. A view is bad below 18 dB, or with a
+//! median error of depth above 10 %.
 //! Rules flag views by what they know without the truth; their limits come from other walks than
 //! those that are counted.
 //!

@@ -20,6 +20,7 @@ use std::fs;
 use anyhow::{Context, Result};
 use serde_json::{Map, Value, json};
 
+pub(crate) mod brightness;
 mod charts;
 mod counts;
 mod exam;

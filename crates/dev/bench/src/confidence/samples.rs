@@ -5,10 +5,11 @@ use std::path::Path;
 
 use anyhow::{Context, Result, ensure};
 use serde::{Deserialize, Serialize};
-use splats::{Camera, Coverage, CoverageImage, Renderer, TrainingView, psnr_db};
+use splats::{Camera, Coverage, CoverageImage, Image, Renderer, TrainingView};
 
+use crate::splats::brightness;
 use crate::splats::fit::{self, config};
-use crate::splats::off_path::off_path;
+use crate::splats::off_path::{OffPathView, off_path};
 use crate::splats::views::{Part, ViewOptions, WalkViews};
 use crate::terrain::walks::Walk;
 
@@ -31,7 +32,7 @@ pub(crate) struct Sampling {
 pub(crate) struct Errors {
     pub(crate) offset_m: f64,
     pub(crate) angle_deg: f64,
-    /// Against the truth without noise, dB.
+    /// Against the truth without noise, at the brightness of the scene, dB.
     pub(crate) psnr_db: f64,
     /// Median over the pixels with true depth of the relative error of the median depth; 1 where
     /// none is rendered.
@@ -89,22 +90,29 @@ fn rendered(walk: Walk, sampling: Sampling) -> Result<Vec<Sample>> {
         fit::evaluate(&fit.scene, &validation, &config)?.mean_psnr_db(),
         tests.len()
     );
-    let samples = tests.iter().map(|test| {
+    let images = tests.iter().map(|test| {
         let view = &test.test.view;
-        let image = renderer.render(&fit.scene, &view.camera, &view.exposure);
+        renderer.render(&fit.scene, &view.camera, &view.exposure)
+    });
+    let images: Vec<Image> = images.collect();
+    let factors = factors(&tests, &images);
+    let samples = tests.iter().zip(images).map(|(test, image)| {
+        let view = &test.test.view;
+        let factor = factors[test.test.camera];
+        let image = brightness::scaled(image, factor);
         let channels = coverage.render(&renderer, &fit.scene, &view.camera)?;
         let kept = kept(channels.width, channels.height);
         let error = |pixel: &usize| {
             let recorded = |c: usize| f32::from(view.rgb[3 * pixel + c]) / 255.0;
             let errors =
                 [0, 1, 2].map(|c| (image.rgb[c][*pixel].clamp(0.0, 1.0) - recorded(c)).abs());
-            errors.iter().sum::<f32>() / 3.0
+            errors.iter().sum::<f32>() / 3.0 / factor as f32
         };
         Ok(Sample {
             errors: Errors {
                 offset_m: test.offset_m,
                 angle_deg: test.angle_deg,
-                psnr_db: psnr_db(&image, view),
+                psnr_db: brightness::psnr_at_scene_db(&image, view, factor),
                 depth_error: depth_error(&image.median_depth_m, &view.depth_m),
                 poses: poses(&view.camera, &training),
                 pixel_errors: kept.iter().map(error).collect(),
@@ -113,6 +121,17 @@ fn rendered(walk: Walk, sampling: Sampling) -> Result<Vec<Sample>> {
         })
     });
     samples.collect()
+}
+
+/// Of each camera the factor from the brightness of the scene to that of its images.
+fn factors(tests: &[OffPathView], images: &[Image]) -> Vec<f64> {
+    let cameras = tests.iter().map(|test| test.test.camera + 1).max();
+    let of_camera = |camera: usize| {
+        let own = tests.iter().zip(images);
+        let own = own.filter(|(test, _)| test.test.camera == camera);
+        crate::meter::median(own.map(|(test, image)| brightness::factor(image, &test.test.view)))
+    };
+    (0..cameras.unwrap_or(0)).map(of_camera).collect()
 }
 
 /// Pixels that are kept.

@@ -4,10 +4,8 @@
 //! any heading. No such view is one of the training, and the constants of the prediction come from
 //! other walks.
 //!
-//! Where the gain of the cameras is not known, the training does not determine how bright the scene
-//! is as a whole: one factor for all views of a walk is estimated from them, and the PSNR without
-//! it is stated beside. The PSNR is that at the brightness of the scene, which is what the
-//! prediction is about: twice as bright, the same image has twice the errors.
+//! The PSNR is that at the brightness of the scene, see [`brightness`]; that without the factor is
+//! stated beside.
 
 use std::sync::Arc;
 
@@ -24,8 +22,8 @@ use terrain::FusionConfig;
 
 use super::depth::{QUICK_STEPS, STEPS};
 use crate::meter;
-use crate::splats::fit;
 use crate::splats::views::{Part, ViewOptions, WalkViews};
+use crate::splats::{brightness, fit};
 use crate::terrain::keyframes::{Source, depth_frames, keyframes};
 use crate::terrain::surface::surface;
 use crate::terrain::walks::Walk;
@@ -93,20 +91,21 @@ pub(super) fn measure(walk: Walk, quick: bool) -> Result<Value> {
     let agents: Vec<usize> = (0..worlds[0].environments()).collect();
     let field_of_view_rad = SupportConfig::default().field_of_view_rad;
     let pairs = images(&views, &renderer, &fit.scene, &worlds[0])?;
-    let gain = meter::median(pairs.iter().map(|(found, truth)| gain(found, truth)));
+    let factors = pairs
+        .iter()
+        .map(|(found, truth)| brightness::factor(found, truth));
+    let gain = meter::median(factors);
     let samples: Result<Vec<Sample>> = (agents.par_iter().zip(pairs))
-        .map(|(agent, (mut found, truth))| {
+        .map(|(agent, (found, truth))| {
             let (_, pose) = worlds[0].world_from_camera(*agent);
             let psnr_without_gain_db = psnr_db(&found, &truth);
-            let colors = found.rgb.iter_mut().flatten();
-            colors.for_each(|value| *value *= gain as f32);
-            let psnr_at_truth_db = psnr_db(&found, &truth);
+            let found = brightness::scaled(found, gain);
             let judged = pinhole(JUDGED_SIZE, field_of_view_rad)?;
             let camera = Camera::new(judged, pose.inverse())?;
             let confidence = observed.confidence(&renderer, &fit.scene, &camera)?;
             let result = worlds[0].result();
             Ok(Sample {
-                psnr_db: psnr_at_truth_db + 20.0 * libm::log10(gain),
+                psnr_db: brightness::psnr_at_scene_db(&found, &truth, gain),
                 psnr_without_gain_db,
                 judged_db: f64::from(confidence.psnr_db),
                 grids_db: (worlds.iter())
@@ -170,13 +169,6 @@ fn images(
         .into_par_iter()
         .map(image)
         .collect()
-}
-
-/// The factor between the means of all colors of an image and of the truth.
-fn gain(found: &Image, truth: &TrainingView) -> f64 {
-    let of_truth: f64 = truth.rgb.iter().map(|v| f64::from(*v) / 255.0).sum();
-    let of_found: f64 = found.rgb.iter().flatten().map(|v| f64::from(*v)).sum();
-    of_truth / of_found.max(1e-9)
 }
 
 /// Agents at the starts of episodes, with predictions of a grid.
