@@ -35,19 +35,19 @@ config! {
         pub uncovered: f32 = 0.01,
         /// Weight of the angle between the viewing direction and the nearest one that a view had,
         /// per rad beyond the spacing of directions.
-        pub angle: f32 = 0.12,
+        pub angle: f32 = 0.45,
         /// Weight of the share of Gaussians that fewer than three instants saw.
         pub few: f32 = 0.01,
         /// Weight of the magnification beyond the finest resolution of a view, per octave.
-        pub magnification: f32 = 0.10,
+        pub magnification: f32 = 0.26,
         /// Weight of the share of the ray in space through which no view looked.
-        pub space: f32 = 0.84,
+        pub space: f32 = 24.0,
         /// Weight of the spread of depth, relative to the depth.
         pub spread: f32 = 0.01,
         /// Error of color where nothing is known, 0 to 1.
-        pub unknown_error: f32 = 0.165,
+        pub unknown_error: f32 = 0.17,
         /// Factor on the error of color in the views of the training.
-        pub error_gain: f32 = 1.24,
+        pub error_gain: f32 = 0.9,
         /// The measure of the whole image.
         pub image: ImageMeasureConfig = ImageMeasureConfig::default(),
     }
@@ -57,27 +57,27 @@ config! {
     pub struct ImageMeasureConfig {
         /// The constant. Its value is lower by the margin with which all bad images of the fit are
         /// flagged.
-        pub constant: f32 = -7.828,
+        pub constant: f32 = -6.284,
         /// Weight of the share of pixels without median depth.
-        pub holes: f32 = 5.58,
+        pub holes: f32 = 5.39,
         /// Weight of the share of color that no Gaussian gives.
-        pub transparency: f32 = 4.75,
+        pub transparency: f32 = 5.68,
         /// Weight of the share of color that neither a Gaussian nor observed sky gives.
-        pub uncovered: f32 = 7.03,
+        pub uncovered: f32 = -1.86,
         /// Weight of the angle to the nearest observed direction, per rad.
-        pub angle: f32 = -0.086,
+        pub angle: f32 = -3.13,
         /// Weight of the share of Gaussians that fewer than three instants saw.
-        pub few: f32 = -0.97,
+        pub few: f32 = -1.45,
         /// Weight of the magnification, per octave.
-        pub magnification: f32 = 0.885,
+        pub magnification: f32 = 0.36,
         /// Weight of the share of rays through which no view looked.
-        pub space: f32 = 3.36,
+        pub space: f32 = 2.39,
         /// Weight of the relative spread of depth.
-        pub spread: f32 = 10.2,
+        pub spread: f32 = 15.8,
         /// Weight of the error of color in the views of the training, 0 to 1.
-        pub color_error: f32 = 30.1,
+        pub color_error: f32 = 42.7,
         /// Weight of the relative error of depth in them.
-        pub depth_error: f32 = 23.4,
+        pub depth_error: f32 = 12.9,
     }
 }
 
