@@ -19,7 +19,7 @@ use splats::{Background, Scene};
 
 pub use depth::DepthErrors;
 pub use surfaces::{Patch, Surfaces};
-pub use walk::beside;
+pub use walk::offset_pose;
 
 use crate::error::SimulationError;
 use crate::scene::{Area, GaussianSource, SceneData, Sector, SectorEdge, Similarity};

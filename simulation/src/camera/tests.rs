@@ -4,7 +4,7 @@ use camera_models::{Distortion, Lens};
 
 use super::*;
 use crate::scene::{GaussianStore, ResidencyConfig};
-use crate::testing::{DepthErrors, Surfaces, SyntheticScene, beside};
+use crate::testing::{DepthErrors, Surfaces, SyntheticScene, offset_pose};
 
 fn lens(distortion: Distortion) -> CameraModel {
     CameraModel::new((96, 72), [52.0, 53.0, 46.8, 36.2], distortion)
@@ -113,7 +113,7 @@ fn depth_is_that_of_the_surfaces_beside_the_walk() {
             for number in 0..6 {
                 let yaw_rad = 30_f64.to_radians() * f64::from(number % 3 - 1);
                 let along_rad = std::f64::consts::FRAC_PI_3 * f64::from(number);
-                let pose = beside(&pose, offset_m, along_rad, yaw_rad).unwrap();
+                let pose = offset_pose(&pose, offset_m, along_rad, yaw_rad).unwrap();
                 let request = FrameRequest::new(0, pose);
                 let found = depth_errors(&batch, &request, &scene.surfaces[0]);
                 // Others stand in the stairs or look away from them.

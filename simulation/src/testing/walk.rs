@@ -28,12 +28,11 @@ const HALF_TRACK_M: f64 = 0.1;
 /// Name of the only camera.
 const CAMERA: &str = "front/left";
 
-/// A pose moved in the horizontal plane along a direction, and rotated about the vertical axis:
-/// beside a walk.
+/// A pose moved in the horizontal plane along a direction, and rotated about the vertical axis.
 ///
 /// # Errors
 /// [`TransformError`] if a number is not finite.
-pub fn beside(
+pub fn offset_pose(
     world_from_camera: &RigidTransform,
     offset_m: f64,
     along_rad: f64,

@@ -12,7 +12,7 @@ use anyhow::{Result, ensure};
 use camera_models::{CameraModel, Distortion};
 use rayon::prelude::*;
 use serde_json::{Value, json};
-use simulation::testing::{DepthErrors, SyntheticScene, beside};
+use simulation::testing::{DepthErrors, SyntheticScene, offset_pose};
 use simulation::{
     CameraBatch, CameraConfig, FrameRequest, Frames, GaussianStore, Quality, ResidencyConfig,
 };
@@ -121,7 +121,7 @@ fn of_offset(
         for direction in 0..directions {
             let along_rad = TAU * direction as f64 / DIRECTIONS as f64;
             let yaw_deg = YAWS_DEG[(direction + number) % YAWS_DEG.len()];
-            let pose = beside(pose, offset_m, along_rad, yaw_deg.to_radians())?;
+            let pose = offset_pose(pose, offset_m, along_rad, yaw_deg.to_radians())?;
             requests.push(FrameRequest::new(0, pose));
         }
     }

@@ -6,6 +6,7 @@ use cad_transforms::RigidTransform;
 use nalgebra::Vector3;
 use rayon::prelude::*;
 use rig_sim::random;
+use simulation::testing::offset_pose;
 
 use super::views::{Part, TestView, ViewOptions, WalkViews};
 
@@ -52,7 +53,10 @@ pub(crate) fn off_path(
                 let index = 8 * (TRIES * number as u64 + attempt);
                 let uniform = |k: u64| random::uniform(seed, STREAM, index + k);
                 let (camera, frame, pose) = &poses[(uniform(0) * poses.len() as f64) as usize];
-                let moved = moved(pose, *offset_m, *angle_deg, [uniform(1), uniform(2)])?;
+                let side = if uniform(2) < 0.5 { -1.0 } else { 1.0 };
+                let along_rad = std::f64::consts::TAU * uniform(1);
+                let yaw_rad = side * angle_deg.to_radians();
+                let moved = offset_pose(pose, *offset_m, along_rad, yaw_rad)?;
                 if !is_free(views, pose, &moved) {
                     continue;
                 }
@@ -71,26 +75,6 @@ pub(crate) fn off_path(
         })
         .collect();
     Ok(found?.into_iter().flatten().collect())
-}
-
-/// Moved in a horizontal direction and rotated about the vertical.
-fn moved(
-    pose: &RigidTransform,
-    offset_m: f64,
-    angle_deg: f64,
-    [direction, side]: [f64; 2],
-) -> Result<RigidTransform> {
-    let turn = std::f64::consts::TAU * direction;
-    let [x, y, z] = pose.translation_m();
-    let to = [
-        x + offset_m * libm::cos(turn),
-        y + offset_m * libm::sin(turn),
-        z,
-    ];
-    let angle = angle_deg.to_radians() * if side < 0.5 { -1.0 } else { 1.0 };
-    let about = RigidTransform::from_rotation_vector([0.0, 0.0, angle], [0.0; 3])?;
-    let at_origin = RigidTransform::from_translation_m([-x, -y, -z])? * *pose;
-    Ok(RigidTransform::from_translation_m(to)? * about * at_origin)
 }
 
 /// Whether nothing is between the poses and around the second one.
