@@ -132,7 +132,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn nothing_is_overwritten_unless_told() {
+    fn nothing_is_overwritten_without_force() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.toml");
         write(&path, b"first", Existing::Refuse).unwrap();

@@ -33,7 +33,7 @@ const ORTHONORMAL_TOLERANCE: f64 = 1e-5;
 /// assert_eq!(right_from_left.apply([0.063, 0.0, 2.0]), [0.0, 0.0, 2.0]);
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(try_from = "Stored", into = "Stored")]
+#[serde(try_from = "TransformJson", into = "TransformJson")]
 pub struct RigidTransform {
     rotation: UnitQuaternion<f64>,
     translation: Vector3<f64>,
@@ -307,20 +307,20 @@ impl Mul for RigidTransform {
 /// How a transform is written in JSON.
 #[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-struct Stored {
+struct TransformJson {
     rotation_wxyz: [f64; 4],
     translation_m: [f64; 3],
 }
 
-impl TryFrom<Stored> for RigidTransform {
+impl TryFrom<TransformJson> for RigidTransform {
     type Error = TransformError;
 
-    fn try_from(stored: Stored) -> Result<Self, TransformError> {
+    fn try_from(stored: TransformJson) -> Result<Self, TransformError> {
         Self::from_wxyz(stored.rotation_wxyz, stored.translation_m)
     }
 }
 
-impl From<RigidTransform> for Stored {
+impl From<RigidTransform> for TransformJson {
     fn from(b_from_a: RigidTransform) -> Self {
         Self {
             rotation_wxyz: b_from_a.rotation_wxyz(),

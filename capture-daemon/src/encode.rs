@@ -30,7 +30,7 @@ mod running;
 #[cfg(test)]
 mod tests;
 
-pub use self::delivery::{Encoded, Sink};
+pub use self::delivery::{EncoderOutput, Sink};
 
 use self::delivery::{ENDED_EARLY, State, end};
 use self::running::{FAILURE_RESET_NS, Running};
@@ -251,7 +251,7 @@ impl CameraEncoder {
     }
 
     fn drop_frame(&self, frame: &Frame, cause: Cause, detail: String) {
-        (self.sink)(Encoded::Dropped {
+        (self.sink)(EncoderOutput::Dropped {
             at: HostTime(frame.time),
             first: frame.number,
             last: frame.number,

@@ -19,10 +19,10 @@ use session_archive::record::paws::gap::Cause;
 use session_archive::time::{HostTime, NS_PER_S};
 use video::encoder::Preset;
 
-use crate::encode::{CameraEncoder, EffortReduction, Encoded, RemainingFrames};
+use crate::encode::{CameraEncoder, EffortReduction, EncoderOutput, RemainingFrames};
 use crate::encoding::Encoding;
 use crate::preview::Previews;
-use crate::sources::{DevicePart, Disconnected, DroppedFrame, Sample};
+use crate::sources::{DevicePart, Disconnect, DroppedFrame, Sample};
 use crate::sync::renumber::Renumber;
 
 mod camera_state;
@@ -106,13 +106,13 @@ impl Hub {
             let counters = encoding.clone();
             let sink = Arc::new(move |encoded| {
                 forward(match encoded {
-                    Encoded::Frame { frame, unit, key } => Outgoing::Frame {
+                    EncoderOutput::Frame { frame, unit, key } => Outgoing::Frame {
                         camera,
                         frame,
                         unit,
                         key,
                     },
-                    Encoded::Dropped {
+                    EncoderOutput::Dropped {
                         at,
                         first,
                         last,
@@ -296,7 +296,7 @@ impl Hub {
         }
     }
 
-    fn disconnect(&mut self, camera: usize, disconnect: &Disconnected) {
+    fn disconnect(&mut self, camera: usize, disconnect: &Disconnect) {
         let camera = &mut self.cameras[camera];
         let has_camera = disconnect.part != DevicePart::Imu;
         if has_camera {

@@ -286,7 +286,7 @@ fn log_to(stderr: Lines, daemon: bool, verbosity: Verbosity) {
 
 /// Output of `check --json`; docs/reference/command-line.md lists the fields.
 #[derive(Serialize)]
-struct Checked<'a> {
+struct CheckOutput<'a> {
     format: &'static str,
     version: u32,
     config: &'a Path,
@@ -305,7 +305,7 @@ fn check(path: &Path, json: bool) -> anyhow::Result<ExitCode> {
     };
     let (errors, warnings) = (count(Level::Error), count(Level::Warning));
     if json {
-        print(serde_json::to_string_pretty(&Checked {
+        print(serde_json::to_string_pretty(&CheckOutput {
             format: "pawsd-check",
             version: 1,
             config: path,

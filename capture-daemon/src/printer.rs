@@ -13,7 +13,7 @@ use std::thread::JoinHandle;
 use std::time::Duration;
 
 use anyhow::Context as _;
-use capture_daemon::queue::{Popped, Queue};
+use capture_daemon::queue::{PopResult, Queue};
 use session_archive::text::Screen;
 
 /// Capacity of the queue, bytes.
@@ -52,11 +52,11 @@ impl Printer {
         let print = move || {
             loop {
                 match queue.pop(Duration::from_secs(60)) {
-                    Popped::Item(line) => {
+                    PopResult::Item(line) => {
                         let _ = out.write_all(&line).and_then(|()| out.flush());
                     }
-                    Popped::Nothing => {}
-                    Popped::Closed => break,
+                    PopResult::Nothing => {}
+                    PopResult::Closed => break,
                 }
             }
         };

@@ -113,7 +113,7 @@ impl<T> Queue<T> {
     }
 
     /// Takes the oldest item, waiting up to `limit` for one.
-    pub fn pop(&self, limit: Duration) -> Popped<T> {
+    pub fn pop(&self, limit: Duration) -> PopResult<T> {
         let mut state = self.lock();
         let empty = |s: &mut State<T>| s.items.is_empty() && !s.closed;
         if empty(&mut state) {
@@ -128,10 +128,10 @@ impl<T> Queue<T> {
             Some((item, bytes)) => {
                 state.bytes -= bytes;
                 self.wake_waiters(state);
-                Popped::Item(item)
+                PopResult::Item(item)
             }
-            None if state.closed => Popped::Closed,
-            None => Popped::Nothing,
+            None if state.closed => PopResult::Closed,
+            None => PopResult::Nothing,
         }
     }
 
@@ -160,7 +160,7 @@ impl<T> State<T> {
 
 /// Result of [`Queue::pop`].
 #[derive(Debug, PartialEq, Eq)]
-pub enum Popped<T> {
+pub enum PopResult<T> {
     /// The oldest item.
     Item(T),
     /// The timeout passed without an item.
@@ -182,16 +182,16 @@ mod tests {
         let queue = Queue::new(10);
         assert_eq!(queue.try_push("large", 100), Ok(()), "one item always fits");
         assert_eq!(queue.try_push("b", 1), Err("b"));
-        assert_eq!(queue.pop(Duration::ZERO), Popped::Item("large"));
+        assert_eq!(queue.pop(Duration::ZERO), PopResult::Item("large"));
         assert_eq!(queue.try_push("c", 6), Ok(()));
         assert_eq!(queue.try_push("d", 4), Ok(()));
         assert_eq!(queue.try_push("e", 1), Err("e"));
         assert_eq!(queue.bytes(), 10);
         queue.close();
         assert_eq!(queue.try_push("f", 0), Err("f"));
-        assert_eq!(queue.pop(Duration::ZERO), Popped::Item("c"));
-        assert_eq!(queue.pop(Duration::ZERO), Popped::Item("d"));
-        assert_eq!(queue.pop(Duration::ZERO), Popped::Closed);
+        assert_eq!(queue.pop(Duration::ZERO), PopResult::Item("c"));
+        assert_eq!(queue.pop(Duration::ZERO), PopResult::Item("d"));
+        assert_eq!(queue.pop(Duration::ZERO), PopResult::Closed);
     }
 
     #[test]
@@ -203,13 +203,13 @@ mod tests {
         };
         let taken: Vec<i32> = (0..100)
             .map_while(|_| match queue.pop(LONG) {
-                Popped::Item(i) => Some(i),
+                PopResult::Item(i) => Some(i),
                 _ => None,
             })
             .collect();
         assert_eq!(taken, (0..100).collect::<Vec<_>>());
         assert!(producer.join().expect("producer"));
-        assert_eq!(queue.pop(Duration::ZERO), Popped::Nothing);
+        assert_eq!(queue.pop(Duration::ZERO), PopResult::Nothing);
     }
 
     /// Waits until a thread waits at the queue.
@@ -238,7 +238,7 @@ mod tests {
                 assert_eq!(queue.push_gathered(99, 8), Ok(()));
             }
             let first = consumer.join().expect("consumer");
-            assert_eq!(first, Popped::Item(1), "in their order");
+            assert_eq!(first, PopResult::Item(1), "in their order");
         }
     }
 
@@ -251,7 +251,7 @@ mod tests {
             std::thread::spawn(move || {
                 loop {
                     match queue.pop(Duration::from_millis(200)) {
-                        Popped::Nothing => {}
+                        PopResult::Nothing => {}
                         found => return found,
                     }
                 }
@@ -259,7 +259,7 @@ mod tests {
         };
         until_waited_for(&queue);
         assert_eq!(queue.push_gathered("a sample", 8), Ok(()));
-        assert_eq!(consumer.join().expect("it"), Popped::Item("a sample"));
+        assert_eq!(consumer.join().expect("it"), PopResult::Item("a sample"));
         assert_eq!(queue.bytes(), 0);
     }
 
@@ -273,9 +273,9 @@ mod tests {
             std::thread::spawn(move || queue.push_gathered(1, 6))
         };
         until_waited_for(&queue);
-        assert_eq!(queue.pop(Duration::ZERO), Popped::Item(0));
+        assert_eq!(queue.pop(Duration::ZERO), PopResult::Item(0));
         assert_eq!(producer.join().expect("producer"), Ok(()));
-        assert_eq!(queue.pop(Duration::ZERO), Popped::Item(1));
+        assert_eq!(queue.pop(Duration::ZERO), PopResult::Item(1));
         queue.close();
         assert_eq!(queue.push_gathered(2, 0), Err(2));
     }

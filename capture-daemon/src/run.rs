@@ -19,8 +19,8 @@ mod store;
 mod virtual_time;
 
 pub(crate) use build::choose_encoder;
-pub use build::{Built, build};
-pub use outcome::{Finished, RecordOptions, StopFlag};
+pub use build::{RunParts, build};
+pub use outcome::{RecordOptions, RecordingSummary, StopFlag};
 pub use page::fingerprint;
 pub use real_time::daemon;
 pub use store::FolderStore;
@@ -29,13 +29,13 @@ pub use store::FolderStore;
 ///
 /// # Errors
 /// The configuration cannot be applied, or no session could be created. A session that was ended by
-/// a failure, or continued without a source that failed, is not an error: see [`Finished::error`].
+/// a failure, or continued without a source that failed, is not an error: see [`RecordingSummary::error`].
 pub fn record(
     config: &Config,
     options: &RecordOptions,
     stop: &StopFlag,
     on_progress: OnProgress,
-) -> anyhow::Result<Finished> {
+) -> anyhow::Result<RecordingSummary> {
     let build = |start| build::build(config, start);
     record_built(build, options, stop, on_progress)
 }
@@ -46,11 +46,11 @@ pub fn record(
 /// # Errors
 /// As for [`record`].
 pub fn record_built(
-    build: impl FnOnce(HostTime) -> anyhow::Result<Built>,
+    build: impl FnOnce(HostTime) -> anyhow::Result<RunParts>,
     options: &RecordOptions,
     stop: &StopFlag,
     on_progress: OnProgress,
-) -> anyhow::Result<Finished> {
+) -> anyhow::Result<RecordingSummary> {
     std::fs::create_dir_all(&options.out)
         .with_context(|| format!("creating the folder for sessions {}", options.out.display()))?;
     if options.virtual_time {

@@ -161,7 +161,7 @@ pub enum Sample {
     /// An IMU sample.
     Imu(RawImu),
     /// The device is disconnected; later samples come from it after it has reconnected.
-    Disconnected(Disconnected),
+    Disconnected(Disconnect),
     /// A frame that arrived and is unusable.
     Dropped(DroppedFrame),
     /// An event worth recording.
@@ -183,7 +183,7 @@ pub enum DevicePart {
 
 /// A disconnect of a device.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Disconnected {
+pub struct Disconnect {
     /// Time of the detection.
     pub host_time: HostTime,
     /// The disconnected part.
@@ -260,7 +260,7 @@ impl Sample {
             Self::Frame(f) => f.image.data.len() + size_of::<RawFrame>(),
             Self::Native(f) => f.image.bytes() + size_of::<RawFrame<NativeFrame>>(),
             Self::Imu(_) => size_of::<RawImu>(),
-            Self::Disconnected(Disconnected { detail, .. })
+            Self::Disconnected(Disconnect { detail, .. })
             | Self::Dropped(DroppedFrame { detail, .. }) => {
                 size_of::<DroppedFrame>() + detail.len()
             }
@@ -291,12 +291,12 @@ pub struct CameraInfo {
     pub still: bool,
     /// Properties of the timestamps, if ticks are ns of the host clock, as from a driver: then no
     /// clock map is estimated.
-    pub stamped: Option<Stamped>,
+    pub stamped: Option<TimestampRelation>,
 }
 
 /// Relation of host timestamps to the instants that they stand for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Stamped {
+pub struct TimestampRelation {
     /// Known constant delay from the instant to the timestamp, ns.
     pub latency_ns: i64,
     /// One standard deviation of the remaining error, ns.

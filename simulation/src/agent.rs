@@ -22,6 +22,8 @@ pub use footing::Footing;
 pub use playback::{Playback, WearerState};
 pub use state::AgentState;
 
+use cad_transforms::RigidTransform;
+
 use crate::ground::{Block, Ground};
 
 /// Result of a step.
@@ -100,4 +102,25 @@ pub fn advance(
         blocked: sweep.blocked,
         distance_m: sweep.length_m,
     }
+}
+
+/// An agent that comes onto the ground of another recording at a pose in its frame: with the
+/// velocity that it has, at rest on that ground. `None` where it cannot be: on unknown or blocked
+/// ground, and where the ground is further away in height than a step.
+pub(crate) fn enter(
+    ground: &Ground,
+    config: &AgentConfig,
+    drive: Drive,
+    state: &AgentState,
+    sector_from_body: &RigidTransform,
+) -> Option<AgentState> {
+    let mut next = state.with_pose(sector_from_body);
+    let [x, y, z] = next.position_m;
+    if drive == Drive::Free {
+        next.level = ground.surface([x, y], z).map_or(0, |surface| surface.level);
+        return Some(next);
+    }
+    let height_m = collision::free_height_m(ground, [x, y], z, &mut next.level).ok()?;
+    Footing::at(ground, config, [x, y, height_m], next.yaw_rad)?.place(&mut next);
+    Some(next)
 }

@@ -5,7 +5,7 @@
 //! `cargo xtask bench confidence` examines.
 
 use scene_bundle::OutputReader;
-use scene_bundle::outputs::splats::{self as output, SplatObserved, SplatScene};
+use scene_bundle::outputs::splats::{self as output, SplatObservation, SplatScene};
 use splats::{
     Camera, Confidence, ConfidenceConfig, Coverage, Directions, Exposure, ObservedGaussian,
     ObservedSky, ObservedSpace, RenderConfig, Renderer, Scene, SplatError, TrainingView,
@@ -47,7 +47,7 @@ impl ObservedScene {
     pub(crate) fn read_parts(
         reader: &OutputReader,
         record: &SplatScene,
-        select: impl FnOnce(Vec<Vec<SplatObserved>>) -> Vec<SplatObserved>,
+        select: impl FnOnce(Vec<Vec<SplatObservation>>) -> Vec<SplatObservation>,
     ) -> Result<Option<Self>, SimulationError> {
         let damaged = |found: String| SimulationError::Scene {
             place: reader.folder().to_owned(),

@@ -35,6 +35,7 @@ const NONE: u32 = u32::MAX;
 #[derive(Clone, Debug)]
 pub struct DistanceField {
     goal_m: [f64; 3],
+    max_step_m: f64,
     levels: Vec<FieldLevel>,
 }
 
@@ -42,7 +43,7 @@ pub struct DistanceField {
 #[derive(Clone, Debug)]
 struct FieldLevel {
     grid: scene_bundle::outputs::grid::Grid,
-    /// Height of the ground of each cell, m; NaN where the agent cannot be.
+    /// Height of the ground of each cell, m; NaN where none is known.
     heights_m: Vec<f32>,
     /// Next corner of the path from each cell: its position, m, and the distance from there, m.
     corners: Vec<Corner>,
@@ -84,20 +85,23 @@ impl DistanceField {
         (length > 1e-6).then(|| offset.map(|v| v / length))
     }
 
-    /// Next corner of the path from the cell at a position, on the level of nearest height.
+    /// Next corner of the path from the cell at a position, on the ground of nearest height; of
+    /// levels that a step connects there, on the one with a path.
     fn corner(&self, at_m: [f64; 3]) -> Option<Corner> {
-        let mut best: Option<(f64, Corner)> = None;
-        for level in &self.levels {
-            let Some(cell) = level.grid.cell([at_m[0], at_m[1]]) else {
-                continue;
-            };
-            let corner = level.corners[cell];
-            let off = (f64::from(level.heights_m[cell]) - at_m[2]).abs();
-            if corner.left_m.is_finite() && best.is_none_or(|(least, _)| off < least) {
-                best = Some((off, corner));
-            }
-        }
-        best.map(|(_, corner)| corner)
+        // The difference in height of a level, m, and its corner.
+        let cells = || {
+            self.levels.iter().filter_map(|level| {
+                let cell = level.grid.cell([at_m[0], at_m[1]])?;
+                let difference_m = (f64::from(level.heights_m[cell]) - at_m[2]).abs();
+                (!difference_m.is_nan()).then_some((difference_m, level.corners[cell]))
+            })
+        };
+        let (nearest_m, _) = cells().min_by(|a, b| a.0.total_cmp(&b.0))?;
+        let reachable = cells().filter(|(difference_m, corner)| {
+            *difference_m <= nearest_m + self.max_step_m && corner.left_m.is_finite()
+        });
+        let (_, corner) = reachable.min_by(|a, b| a.0.total_cmp(&b.0))?;
+        Some(corner)
     }
 }
 
@@ -152,9 +156,7 @@ impl<'a> Search<'a> {
         let levels = self.ground.layers().iter().enumerate();
         let levels = levels.map(|(number, layer)| {
             let cells = 0..layer.grid().cells();
-            let heights = cells
-                .clone()
-                .map(|cell| layer.walkable_m(cell).unwrap_or(f32::NAN));
+            let heights = cells.clone().map(|cell| layer.height_of_cell_m(cell));
             FieldLevel {
                 grid: *layer.grid(),
                 heights_m: heights.collect(),
@@ -165,6 +167,7 @@ impl<'a> Search<'a> {
         });
         DistanceField {
             goal_m,
+            max_step_m: self.max_step_m,
             levels: levels.collect(),
         }
     }

@@ -47,9 +47,9 @@ pub use map_image::MapImage;
 pub use randomness::{RandomStream, Stream};
 pub use reference_poses::{Deviation, DeviationConfig, ReferencePoses};
 pub use scene::{
-    Area, BeogymConfig, BundleConfig, CrossingConfig, GaussianSource, GaussianStore, GraphConfig,
-    Missing, Place, RecordedView, Recording, RecordingCamera, ResidencyConfig, SceneData, Sector,
-    SectorEdge, SectorGaussians, Similarity,
+    Area, BeogymConfig, BundleConfig, GaussianSource, GaussianStore, Missing, Place, RecordedView,
+    Recording, RecordingCamera, ResidencyConfig, SceneData, Sector, SectorEdge, SectorGaussians,
+    Similarity,
 };
 pub use snapshot::MAX_SNAPSHOT_BYTES;
 pub use support::{SupportConfig, SupportGrid, SupportNode};

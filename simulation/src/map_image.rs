@@ -7,6 +7,8 @@
 use raster::{Canvas, Color};
 use scene_bundle::outputs::maps::{FREE, MapLevel, OCCUPIED};
 
+use crate::scene::{SceneData, Similarity};
+
 /// Longest edge of the image, px.
 const EDGE_PX: f64 = 640.0;
 /// Border around what is known, px.
@@ -26,23 +28,71 @@ pub struct MapImage {
     px_per_m: f64,
 }
 
+/// Levels of a sector, and its frame on the map. All frames have z up: they differ by a rotation
+/// about it.
+struct Part<'a> {
+    levels: &'a [MapLevel],
+    map_from_sector: Similarity,
+    sector_from_map: Similarity,
+}
+
+impl<'a> Part<'a> {
+    fn new(levels: &'a [MapLevel], map_from_sector: Similarity) -> Self {
+        Self {
+            levels,
+            map_from_sector,
+            sector_from_map: map_from_sector.inverse(),
+        }
+    }
+
+    /// Where a point of the sector is on the map, with its height, m.
+    fn on_map(&self, at_m: [f64; 2], height_m: f64) -> [f64; 3] {
+        self.map_from_sector.apply([at_m[0], at_m[1], height_m])
+    }
+}
+
 impl MapImage {
-    /// Draws levels; `None` if nothing is known of any.
-    pub fn new(levels: &[MapLevel]) -> Option<Self> {
+    /// Draws the levels of all sectors that edges connect with the first one, in its frame; `None`
+    /// if nothing is known of any.
+    pub fn new(scene: &SceneData) -> Option<Self> {
+        let mut parts: Vec<Part<'_>> = Vec::new();
+        for (sector, (root, map_from_sector)) in
+            scene.sectors.iter().zip(scene.roots_from_sectors())
+        {
+            let Some(levels) = sector.levels.as_ref().filter(|_| root == 0) else {
+                continue;
+            };
+            // Sectors of a recording share them.
+            if parts
+                .iter()
+                .all(|part| !std::ptr::eq(part.levels, levels.as_slice()))
+            {
+                parts.push(Part::new(levels, map_from_sector));
+            }
+        }
+        Self::of_parts(&parts)
+    }
+
+    fn of_parts(parts: &[Part<'_>]) -> Option<Self> {
         let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
-        let mut heights: Vec<f32> = Vec::new();
-        for level in levels {
+        let mut heights: Vec<f64> = Vec::new();
+        let levels = parts
+            .iter()
+            .flat_map(|part| part.levels.iter().map(move |level| (part, level)));
+        for (part, level) in levels {
             for cell in 0..level.grid.cells() {
                 let is_known = level.has_height(cell) || level.occupancy[cell] == OCCUPIED;
+                let center_m = level.grid.center_m(cell);
                 if is_known {
-                    let at = level.grid.center_m(cell);
+                    let at = part.on_map(center_m, 0.0);
                     for k in 0..2 {
                         low[k] = low[k].min(at[k] - 0.5 * level.grid.cell_m);
                         high[k] = high[k].max(at[k] + 0.5 * level.grid.cell_m);
                     }
                 }
                 if level.occupancy[cell] == FREE {
-                    heights.push(level.elevation[cell]);
+                    let height_m = f64::from(level.elevation[cell]);
+                    heights.push(part.on_map(center_m, height_m)[2]);
                 }
             }
         }
@@ -50,10 +100,10 @@ impl MapImage {
         if !size_m.iter().all(|v| v.is_finite() && *v > 0.0) {
             return None;
         }
-        heights.sort_by(f32::total_cmp);
+        heights.sort_by(f64::total_cmp);
         let quantile = |q: f64| {
             let index = (q * heights.len().saturating_sub(1) as f64) as usize;
-            heights.get(index).copied().map_or(0.0, f64::from)
+            heights.get(index).copied().unwrap_or(0.0)
         };
         let range = (quantile(0.02), quantile(0.98));
         let px_per_m = (EDGE_PX - 2.0 * MARGIN_PX) / size_m[0].max(size_m[1]);
@@ -69,7 +119,7 @@ impl MapImage {
         for y in 0..height {
             for x in 0..width {
                 let at = image.world_m([x as f64, y as f64]);
-                let color = levels.iter().find_map(|level| color(level, at, range));
+                let color = parts.iter().find_map(|part| color(part, at, range));
                 if let Some(color) = color {
                     image.canvas.pixels[y * width + x] = color;
                 }
@@ -114,19 +164,22 @@ impl MapImage {
     }
 }
 
-/// Color of a level at a place; `None` where nothing is known.
-fn color(level: &MapLevel, at: [f64; 2], (low, high): (f64, f64)) -> Option<Color> {
-    let cell = level.grid.cell(at)?;
-    match level.occupancy[cell] {
-        FREE => {
-            let height = f64::from(level.elevation[cell]);
-            let share = ((height - low) / (high - low).max(1e-3)).clamp(0.0, 1.0);
-            let gray = libm::round(GRAYS[0] + share * (GRAYS[1] - GRAYS[0])) as u8;
-            Some([gray; 3])
+/// Color of a part at a place on the map; `None` where nothing is known.
+fn color(part: &Part<'_>, at: [f64; 2], (low, high): (f64, f64)) -> Option<Color> {
+    let [x, y, _] = part.sector_from_map.apply([at[0], at[1], 0.0]);
+    part.levels.iter().find_map(|level| {
+        let cell = level.grid.cell([x, y])?;
+        match level.occupancy[cell] {
+            FREE => {
+                let [_, _, height] = part.on_map([x, y], f64::from(level.elevation[cell]));
+                let share = ((height - low) / (high - low).max(1e-3)).clamp(0.0, 1.0);
+                let gray = libm::round(GRAYS[0] + share * (GRAYS[1] - GRAYS[0])) as u8;
+                Some([gray; 3])
+            }
+            OCCUPIED => Some(OBSTACLE_COLOR),
+            _ => None,
         }
-        OCCUPIED => Some(OBSTACLE_COLOR),
-        _ => None,
-    }
+    })
 }
 
 #[cfg(test)]
@@ -135,6 +188,7 @@ mod tests {
     use scene_bundle::outputs::maps::KNOWN;
 
     use super::*;
+    use crate::testing;
 
     fn level() -> MapLevel {
         let mut level = MapLevel::unknown(Grid {
@@ -156,7 +210,9 @@ mod tests {
 
     #[test]
     fn axes_and_colors_are_those_of_the_contract() {
-        let image = MapImage::new(&[level()]).expect("known ground");
+        let levels = [level()];
+        let here = Part::new(&levels, Similarity::identity());
+        let image = MapImage::of_parts(&[here]).expect("known ground");
         let color = |at: [f64; 2]| {
             let [x, y] = image.px(at).map(|v| libm::round(v) as usize);
             image.canvas.pixels[y * image.canvas.width + x]
@@ -175,7 +231,33 @@ mod tests {
 
     #[test]
     fn nothing_known_gives_no_image() {
-        assert!(MapImage::new(&[]).is_none());
-        assert!(MapImage::new(&[MapLevel::unknown(level().grid)]).is_none());
+        assert!(MapImage::of_parts(&[]).is_none());
+        let unknown = [MapLevel::unknown(level().grid)];
+        let part = Part::new(&unknown, Similarity::identity());
+        assert!(MapImage::of_parts(&[part]).is_none());
+    }
+
+    #[test]
+    fn sectors_of_other_recordings_are_drawn_where_the_edges_put_them() {
+        let scene = &testing::corridor().scene;
+        let image = MapImage::new(scene).expect("known ground");
+        let color = |at: [f64; 2]| {
+            let [x, y] = image.px(at).map(|v| libm::round(v) as usize);
+            image.canvas.pixels[y * image.canvas.width + x]
+        };
+        // The middles of all four sides, in the frame of the first.
+        for at in [[6.0, 1.0], [11.0, 6.0], [6.0, 11.0], [1.0, 6.0]] {
+            let [r, g, b] = color(at);
+            assert!(r == g && g == b && r < 255, "{at:?}: {:?}", [r, g, b]);
+        }
+        // Inside of the block of houses.
+        let inside = color([6.0, 6.0]);
+        assert!(
+            inside == OBSTACLE_COLOR || inside == UNKNOWN_COLOR,
+            "{inside:?}"
+        );
+        let roots = scene.roots_from_sectors();
+        let [x, y, _] = roots[2].1.apply([6.0, 1.0, 0.5]);
+        assert!((x - 6.0).abs() < 1e-9 && (y - 11.0).abs() < 1e-9, "{x} {y}");
     }
 }

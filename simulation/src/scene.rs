@@ -22,10 +22,9 @@ mod similarity;
 
 pub use beogym::BeogymConfig;
 pub use bundle::BundleConfig;
-pub use crossing::{Place, config::CrossingConfig};
+pub use crossing::Place;
 pub use data::{Missing, SceneData};
 pub use gaussians::GaussianSource;
-pub use graph::GraphConfig;
 pub use residency::{GaussianStore, ResidencyConfig, content::SectorGaussians};
 pub use sector::{Area, RecordedView, Recording, RecordingCamera, Sector, SectorEdge};
 pub use similarity::Similarity;

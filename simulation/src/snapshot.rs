@@ -43,7 +43,7 @@ impl World {
         let mut writer = Writer::default();
         writer.bytes(&MAGIC);
         writer.bytes(&VERSION.to_le_bytes());
-        writer.bytes(&self.shared.scene.hash);
+        writer.bytes(self.shared.scene.hash());
         writer.bytes(&self.shared.config_hash);
         let kept = &self.environments;
         writer.u32(kept.sector[environment]);
@@ -149,7 +149,7 @@ impl World {
             return Err(damaged("another checksum than that of its bytes"));
         }
         for (name, of_world) in [
-            ("scene", &self.shared.scene.hash),
+            ("scene", self.shared.scene.hash()),
             ("configuration", &self.shared.config_hash),
         ] {
             let found = reader.bytes(of_world.len())?;

@@ -211,7 +211,17 @@ impl SyntheticScene {
     /// # Errors
     /// [`SimulationError::Scene`] for a distance that is not above 0.
     pub fn corridor_loop_with(spacing_m: f64) -> Result<Self, SimulationError> {
+        Self::corridor_loop_scaled(spacing_m, 1.0)
+    }
+
+    /// The same with lengths of the second and fourth side in another unit: `scale` times those of
+    /// the others, as an alignment with scale finds them.
+    ///
+    /// # Errors
+    /// [`SimulationError::Scene`] for a distance or scale that is not above 0.
+    pub fn corridor_loop_scaled(spacing_m: f64, scale: f64) -> Result<Self, SimulationError> {
         check_spacing(spacing_m)?;
+        check_spacing(scale)?;
         let (size, width, t) = (12.0, 2.0, 4.0 * CELL_M);
         let mut world = Surfaces::default();
         let inner = size - width;
@@ -241,12 +251,15 @@ impl SyntheticScene {
                 let yaw =
                     UnitQuaternion::from_axis_angle(&Vector3::z_axis(), libm::atan2(sin, cos));
                 let origin = Vector3::new(x, y, 0.25 * side as f64);
-                Similarity::from_parts(1.0, yaw, origin).inverse()
+                let scale = if side % 2 == 1 { scale } else { 1.0 };
+                Similarity::from_parts(1.0 / scale, yaw, origin).inverse()
             })
             .collect();
         let (mut sectors, mut surfaces) = (Vec::new(), Vec::new());
         for (side, side_from_world) in frames.iter().enumerate() {
             let here = world.carried(side_from_world);
+            let scale = side_from_world.scale();
+            let [size, width, inner, wall] = [size, width, inner, WALL_M].map(|v| scale * v);
             // Maps reach beyond the area: agents at the border stand on the ground of one sector.
             let (min, max) = (
                 [-MAP_MARGIN_M; 2],
@@ -256,7 +269,10 @@ impl SyntheticScene {
             let walk = [[0.5, 0.5 * width, z], [size - 0.5, 0.5 * width, z]];
             // Recordings of their own: no sector has the Gaussians of another one.
             let spacing_m = spacing_m * (1.0 + 0.07 * side as f64);
-            let splats = world.gaussians(spacing_m, &side_from_world.rigid())?;
+            let splats = match side_from_world.is_rigid() {
+                true => world.gaussians(spacing_m, &side_from_world.rigid())?,
+                false => here.gaussians(scale * spacing_m, &RigidTransform::identity())?,
+            };
             let mut sector = sector(&format!("side {side}"), &here, [min, max], splats, &walk)?;
             sector.area = Area::new([0.0; 2], [size, width]);
             sector.edges = [(side + 1) % 4, (side + 3) % 4]
@@ -267,7 +283,7 @@ impl SyntheticScene {
                         to,
                         to_from_here: frames[to].compose(&side_from_world.inverse()),
                         overlap: Area {
-                            height_m: [z, z + WALL_M],
+                            height_m: [z, z + wall],
                             ..Area::new([begin, 0.0], [begin + width, width])
                         },
                         residual_m: Some(0.0),

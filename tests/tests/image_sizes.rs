@@ -6,7 +6,7 @@ use std::fs::{self, File};
 use std::path::{Path, PathBuf};
 
 use capture_daemon::config::Config;
-use capture_daemon::run::{Finished, RecordOptions, StopFlag, record};
+use capture_daemon::run::{RecordOptions, RecordingSummary, StopFlag, record};
 use collector::commands::{handoff, import, index, validate};
 use collector::target::Target;
 use console_output::{Clock, Console, Outcome, Show};
@@ -49,7 +49,11 @@ fn folder(root: &Path, (width, height): (u32, u32)) -> PathBuf {
     root.to_owned()
 }
 
-fn recorded(set: &Path, out: &Path, calibration: Option<&Path>) -> anyhow::Result<Finished> {
+fn recorded(
+    set: &Path,
+    out: &Path,
+    calibration: Option<&Path>,
+) -> anyhow::Result<RecordingSummary> {
     let calibration =
         calibration.map(|path| format!("calibration = {:?}\n", path.display().to_string()));
     let text = format!(

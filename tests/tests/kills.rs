@@ -7,7 +7,7 @@ use std::sync::{Arc, Mutex};
 use capture_daemon::run::{StopFlag, record};
 use capture_daemon::status::Progress;
 use harness::contents::{Contents, open};
-use harness::kills::{Killed, Plan, RIG, Recorder, check, run};
+use harness::kills::{KillResult, Plan, RIG, Recorder, check, run};
 use harness::program::pawsd;
 use harness::rig::in_virtual_time;
 use session_archive::manifest::{Manifest, SegmentState, State};
@@ -34,9 +34,9 @@ fn promised_data_survives_kills_at_random_times() {
         let kept = folder.keep();
         panic!("{first:?}\nits folder is {}", kept.display());
     }
-    let killed: Vec<Killed> = killed.into_iter().flatten().collect();
+    let killed: Vec<KillResult> = killed.into_iter().flatten().collect();
     assert_eq!(killed.len(), 25);
-    let sum = |of: fn(&Killed) -> u64| killed.iter().map(of).sum::<u64>();
+    let sum = |of: fn(&KillResult) -> u64| killed.iter().map(of).sum::<u64>();
     println!(
         "{} of {} messages were promised, {} frames and {} IMU samples compared, {} missing",
         sum(|k| k.promised),

@@ -9,7 +9,7 @@ use std::sync::OnceLock;
 
 use anyhow::bail;
 use capture_daemon::config::{Config, SourceConfig};
-use capture_daemon::run::{Finished, RecordOptions, StopFlag, build, record, record_built};
+use capture_daemon::run::{RecordOptions, RecordingSummary, StopFlag, build, record, record_built};
 use capture_daemon::sources::{AnySource, ImuValues};
 use collector::commands::{handoff, import, validate};
 use collector::target::Target;
@@ -71,14 +71,14 @@ fn configure(folder: &Path, source: &str) -> (Config, RecordOptions) {
 }
 
 /// Records a source, with any outcome.
-fn record_source(folder: &Path, source: &str) -> Finished {
+fn record_source(folder: &Path, source: &str) -> RecordingSummary {
     let (config, options) = configure(folder, source);
     let finished = record(&config, &options, &StopFlag::new(), Box::new(|_| {}));
     finished.expect("recording")
 }
 
 /// Records a source; it must not fail.
-fn record_source_ok(folder: &Path, source: &str) -> Finished {
+fn record_source_ok(folder: &Path, source: &str) -> RecordingSummary {
     let finished = record_source(folder, source);
     assert_eq!(finished.error, None);
     finished
@@ -98,7 +98,7 @@ fn record_pair(
     folder: &Path,
     footage: &Footage,
     is_cut: impl Fn(usize, usize) -> bool,
-) -> Finished {
+) -> RecordingSummary {
     let (config, options) = configure(folder, PAIR);
     let finished = record_built(
         |start| {
@@ -143,7 +143,7 @@ fn hand_off(session: &Path, library: &Path) -> PathBuf {
 }
 
 /// Result of a reconstruction.
-struct Found {
+struct Reconstruction {
     /// Distance from the first pose to the last, by odometry only.
     distance_m: f64,
     /// Its stated standard deviation, m.
@@ -153,7 +153,7 @@ struct Found {
 }
 
 /// Reconstructs a scene, as `paws-reconstruct run` does.
-fn reconstruct(session: &Path, scene: &Path) -> Found {
+fn reconstruct(session: &Path, scene: &Path) -> Reconstruction {
     let input = Input::open(session).expect("the hand-off");
     let options = Options {
         preset: Preset::Fast,
@@ -203,7 +203,7 @@ fn reconstruct(session: &Path, scene: &Path) -> Found {
     let covariance = last.covariance.as_ref().expect("a covariance");
     let position = covariance.matrix().fixed_view::<3, 3>(0, 0);
     let variance = along_rig.dot(&(position * along_rig));
-    Found {
+    Reconstruction {
         distance_m: step.norm(),
         distance_sigma_m: variance.sqrt(),
         poses: usable.len(),
@@ -219,7 +219,7 @@ fn record_to_the_cloud(source: &str, folder: &Path, min_db: f64) -> (Contents, V
 /// Checks the recording of the whole walk: frames, times, images, verdict, poses, cloud.
 fn to_the_cloud(
     source: &str,
-    finished: &Finished,
+    finished: &RecordingSummary,
     folder: &Path,
     min_db: f64,
 ) -> (Contents, Validation) {

@@ -5,7 +5,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use capture_daemon::run::{Finished, StopFlag, build, record_built};
+use capture_daemon::run::{RecordingSummary, StopFlag, build, record_built};
 use capture_daemon::sources::synthetic::{FaultPlan, read_counter};
 use capture_daemon::sources::{AnySource, Source};
 use harness::contents::{Contents, StoredFrame, open};
@@ -22,7 +22,7 @@ fn record_faulty(
     faults: [FaultPlan; 3],
     seconds: f64,
     out: &Path,
-) -> (Finished, HostTime) {
+) -> (RecordingSummary, HostTime) {
     let config = rig.config(out).expect("configuration");
     let mut began = HostTime(0);
     let built = |start| {

@@ -191,7 +191,7 @@ mod tests {
     }
 
     #[test]
-    fn mistakes_are_told() {
+    fn mistakes_are_reported() {
         let text = DEVICES
             .replace("baseline_m = 0.063", "baseline_m = -0.063")
             .replace("85, 54", "85, 540");

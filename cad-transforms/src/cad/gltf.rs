@@ -22,7 +22,7 @@ const DEEPEST: usize = 256;
 
 /// A node's transform: rotation and translation after an even scaling.
 #[derive(Clone, Copy)]
-struct Placed {
+struct NodeTransform {
     transform: RigidTransform,
     scale: f64,
 }
@@ -121,7 +121,7 @@ impl<'d> Scene<'d> {
             [0.0; 3],
         )
         .expect("a quarter turn");
-        let top = Placed {
+        let top = NodeTransform {
             transform: z_up_from_y_up,
             scale: 1.0,
         };
@@ -137,7 +137,7 @@ impl<'d> Scene<'d> {
         &self,
         nodes: &[usize],
         above: &str,
-        root_from_parent: &Placed,
+        root_from_parent: &NodeTransform,
         depth: usize,
         cad: &mut Cad,
     ) -> Result<(), Fault> {
@@ -162,7 +162,7 @@ impl<'d> Scene<'d> {
             let turn = own.transform.rotation_wxyz();
             let scaled = RigidTransform::from_wxyz(turn, [x, y, z])
                 .map_err(|error| Fault::new(place.clone(), error.to_string()))?;
-            let root_from_node = Placed {
+            let root_from_node = NodeTransform {
                 transform: root_from_parent.transform * scaled,
                 scale: root_from_parent.scale * own.scale,
             };
@@ -230,7 +230,7 @@ fn numbers<const N: usize>(
     Ok(Some(list))
 }
 
-fn local(node: &Value, place: &str) -> Result<Placed, Fault> {
+fn local(node: &Value, place: &str) -> Result<NodeTransform, Fault> {
     let fault = |message: String| Fault::new(place, message);
     if let Some(matrix) = numbers::<16>(node, "matrix", place)? {
         // Columns first.
@@ -246,7 +246,7 @@ fn local(node: &Value, place: &str) -> Result<Placed, Fault> {
         let rows = [x[0], y[0], z[0], x[1], y[1], z[1], x[2], y[2], z[2]];
         let transform = RigidTransform::from_rotation_rows(rows, column(3));
         let transform = transform.map_err(|error| fault(format!("matrix: {error}")))?;
-        return Ok(Placed { transform, scale });
+        return Ok(NodeTransform { transform, scale });
     }
     let translation = numbers::<3>(node, "translation", place)?.unwrap_or([0.0; 3]);
     let [x, y, z, w] = numbers::<4>(node, "rotation", place)?.unwrap_or([0.0, 0.0, 0.0, 1.0]);
@@ -254,7 +254,7 @@ fn local(node: &Value, place: &str) -> Result<Placed, Fault> {
     let scale = even(scale).map_err(|m| fault(format!("scale {m}")))?;
     let transform = RigidTransform::from_wxyz([w, x, y, z], translation)
         .map_err(|error| fault(format!("rotation: {error}")))?;
-    Ok(Placed { transform, scale })
+    Ok(NodeTransform { transform, scale })
 }
 
 /// The common factor, if the three are equal and do not mirror.

@@ -340,7 +340,7 @@ impl<'e, 'b> Model<'e, 'b> {
     fn placed_items(
         &self,
         shapes: &BTreeSet<u64>,
-    ) -> Result<(Vec<placement::Mapped>, Vec<Child>), Fault> {
+    ) -> Result<(Vec<placement::MappedItem>, Vec<Child>), Fault> {
         let mut mapped = Vec::new();
         let mut axes = Vec::new();
         for &shape in shapes {
@@ -381,7 +381,7 @@ impl<'e, 'b> Model<'e, 'b> {
         &self,
         occurrence: &Occurrence,
         own: &BTreeSet<u64>,
-        mapped: &mut Vec<placement::Mapped>,
+        mapped: &mut Vec<placement::MappedItem>,
         notes: &mut Vec<String>,
     ) -> Result<RigidTransform, Fault> {
         let of_child = self.alike(&self.shapes_of(Node::Product(occurrence.related)));
@@ -394,7 +394,7 @@ impl<'e, 'b> Model<'e, 'b> {
                 &of_child,
             );
         }
-        let is_of_child = |item: &placement::Mapped| of_child.contains(&item.shape);
+        let is_of_child = |item: &placement::MappedItem| of_child.contains(&item.shape);
         let Some(at) = mapped.iter().position(is_of_child) else {
             let message = format!(
                 "occurrence {:?} has no placement: neither a CONTEXT_DEPENDENT_SHAPE_REPRESENTATION \
@@ -413,7 +413,7 @@ impl<'e, 'b> Model<'e, 'b> {
     }
 
     /// The child that a mapped item without an occurrence is.
-    fn child_of_item(&self, item: placement::Mapped) -> Child {
+    fn child_of_item(&self, item: placement::MappedItem) -> Child {
         let owner = self
             .shapes
             .iter()

@@ -402,8 +402,8 @@ pub(crate) fn placement(table: &Table<'_, '_>, log: &mut Log<'_>) -> Option<Rigi
     } else {
         1.0
     };
-    type Found = Result<RigidTransform, TransformError>;
-    let read = |value: &DeValue<'_>| -> Option<Found> {
+    type ReadResult = Result<RigidTransform, TransformError>;
+    let read = |value: &DeValue<'_>| -> Option<ReadResult> {
         let angles = || numbers::<3>(value).map(|v| v.map(|v| v * radians));
         Some(match rotation {
             "rotation_wxyz" => RigidTransform::from_wxyz(numbers::<4>(value)?, t),

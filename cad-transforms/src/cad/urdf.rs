@@ -316,7 +316,7 @@ mod tests {
     }
 
     #[test]
-    fn faults_are_all_told_with_lines() {
+    fn faults_are_all_reported_with_lines() {
         let check = |from: &str, to: &str, expected: &str| {
             let text = ARM.replace(from, to);
             assert_ne!(text, ARM);

@@ -10,7 +10,7 @@
 use std::collections::BTreeMap;
 use std::fmt;
 
-use super::file::{Parsed, read};
+use super::file::{ParsedRig, read};
 use super::{Problem, Rig, same_serial};
 use crate::cad::device::Device;
 use crate::frame::{Frame, FramePart};
@@ -118,7 +118,7 @@ pub fn check(text: &str, facts: &Facts) -> Vec<Finding> {
 }
 
 /// Everything beyond the reading.
-fn of_parsed(parsed: &Parsed, facts: &Facts) -> Vec<Finding> {
+fn of_parsed(parsed: &ParsedRig, facts: &Facts) -> Vec<Finding> {
     let mut checks = Checks {
         parsed,
         findings: Vec::new(),
@@ -151,7 +151,7 @@ fn of_parsed(parsed: &Parsed, facts: &Facts) -> Vec<Finding> {
 }
 
 struct Checks<'p> {
-    parsed: &'p Parsed,
+    parsed: &'p ParsedRig,
     findings: Vec<Finding>,
 }
 

@@ -394,7 +394,7 @@ mod tests {
 
     /// Every key of a file, changed one at a time.
     #[test]
-    fn whatever_changed_is_told() {
+    fn every_change_is_reported() {
         let tag = "[[shoe_tag]]\nfamily = \"36h11\"\nid = 3\nfoot = \"left_foot\"\nsize_m = 0.06\n\
                    rotation_wxyz = [1, 0, 0, 0]\ntranslation_m = [0.08, 0, 0.075]\n";
         let closure = "[[closes_loop]]\nparent = \"a/right\"\nchild = \"a/left\"\nrotation_wxyz = [1, 0, 0, 0]\n\

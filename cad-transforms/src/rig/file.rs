@@ -15,7 +15,7 @@ use crate::frame::Frame;
 use crate::transform::RigidTransform;
 
 /// What could be read of a file, and everything that is wrong with it.
-pub(super) struct Parsed {
+pub(super) struct ParsedRig {
     /// Of what could be read; texts that are missing are empty. Its tree leaves out what is wrong.
     pub(super) rig: Rig,
     /// Line of each of the rig's entries.
@@ -28,7 +28,7 @@ pub(super) struct Parsed {
     pub(super) hopeless: bool,
 }
 
-impl Parsed {
+impl ParsedRig {
     /// The rig, if nothing is wrong.
     pub(super) fn into_rig(self) -> Result<Rig, Problems> {
         if self.problems.is_empty() {
@@ -59,10 +59,10 @@ impl Parsed {
     }
 }
 
-pub(super) fn read(text: &str) -> Parsed {
+pub(super) fn read(text: &str) -> ParsedRig {
     let document = match DeTable::parse(text) {
         Ok(document) => document,
-        Err(error) => return Parsed::hopeless(not_toml(text, &error)),
+        Err(error) => return ParsedRig::hopeless(not_toml(text, &error)),
     };
     let mut log = Log {
         text,
@@ -93,7 +93,7 @@ pub(super) fn read(text: &str) -> Parsed {
         && format != RIG_FORMAT
     {
         let line = log.line(&at);
-        return Parsed::hopeless(Problem {
+        return ParsedRig::hopeless(Problem {
             line,
             message: format!("format is {format}, this program reads {RIG_FORMAT}"),
         });
@@ -132,7 +132,7 @@ pub(super) fn read(text: &str) -> Parsed {
         rig.closures.push(closure);
     }
     log.problems.sort_by_key(|problem| problem.line);
-    Parsed {
+    ParsedRig {
         rig,
         edge_lines,
         camera_lines,

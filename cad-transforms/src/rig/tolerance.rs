@@ -98,7 +98,7 @@ fn valid<E: ToString>(
 }
 
 /// The value under exactly one of the keys, in SI.
-pub(crate) fn in_units<T: Scaled>(
+pub(crate) fn in_units<T: UnitScaling>(
     table: &Table<'_, '_>,
     units: &Units,
     log: &mut Log<'_>,
@@ -121,12 +121,12 @@ pub(crate) fn in_units<T: Scaled>(
 }
 
 /// What can be brought to another unit.
-pub(crate) trait Scaled {
+pub(crate) trait UnitScaling {
     /// Times a factor; a factor of 1 changes no bit.
     fn scaled(self, factor: f64) -> Self;
 }
 
-impl Scaled for f64 {
+impl UnitScaling for f64 {
     fn scaled(self, factor: f64) -> Self {
         self * factor
     }
@@ -134,7 +134,7 @@ impl Scaled for f64 {
 
 struct Sigmas([f64; 3]);
 
-impl Scaled for Sigmas {
+impl UnitScaling for Sigmas {
     fn scaled(self, factor: f64) -> Self {
         Self(self.0.map(|v| v * factor))
     }

@@ -28,7 +28,7 @@ pub(super) struct BoardObservations {
 }
 
 /// Detected corners by board and eye.
-type Found = Vec<[Vec<DetectedCorner>; 2]>;
+type BoardCorners = Vec<[Vec<DetectedCorner>; 2]>;
 
 /// Detects boards in every `every`-th image.
 pub(super) fn find(
@@ -41,14 +41,14 @@ pub(super) fn find(
     progress: &Progress,
 ) -> Result<BoardObservations> {
     // By time: two images of one time would conflict.
-    let all: Mutex<BTreeMap<i64, Found>> = Mutex::new(BTreeMap::new());
+    let all: Mutex<BTreeMap<i64, BoardCorners>> = Mutex::new(BTreeMap::new());
     let config = detection_config();
     let detect = |frame: &FrameEntry, image: &DecodedImage| -> Result<()> {
         if !frame.number.is_multiple_of(every) || frame.time_unreliable {
             return Ok(());
         }
         let (left, right) = split(image).context("splitting a stereo frame")?;
-        let mut found: Found = vec![Default::default(); boards.len()];
+        let mut found: BoardCorners = vec![Default::default(); boards.len()];
         for (eye, image) in [left, right].iter().enumerate() {
             let gray = i420_to_grey(image).context("converting an image to gray")?;
             let (width, height) = (gray.width as usize, gray.height as usize);
@@ -66,7 +66,7 @@ pub(super) fn find(
     let decoded = visit_images(camera, index, access, threads, progress, &detect)?;
     let all = all.into_inner().unwrap_or_else(PoisonError::into_inner);
     let counts = |board: usize| -> usize {
-        let of = |found: &Found| found[board].iter().map(Vec::len).sum::<usize>();
+        let of = |found: &BoardCorners| found[board].iter().map(Vec::len).sum::<usize>();
         all.values().map(of).sum()
     };
     let board = (0..boards.len())

@@ -1,6 +1,6 @@
 //! The report: verdict, estimate of each parameter, and charts.
 
-use calib::verify::{CameraEstimate, Finding as Found};
+use calib::verify::{CameraEstimate, Finding as CalibrationFinding};
 use charts::{Axis, Bins, Cell, Chart, Page, Series, Table, Verdict as Badge};
 use session_archive::handoff::Verdict;
 use session_archive::manifest::Manifest;
@@ -85,7 +85,7 @@ fn badge(verdict: Verdict) -> Badge {
     }
 }
 
-fn name(found: &Found) -> &'static str {
+fn name(found: &CalibrationFinding) -> &'static str {
     use calib::verify::Parameter;
     match found.parameter {
         Parameter::StereoRotation => "right eye",
@@ -97,14 +97,14 @@ fn name(found: &Found) -> &'static str {
     }
 }
 
-fn shown(found: &Found, value: f64) -> String {
+fn shown(found: &CalibrationFinding, value: f64) -> String {
     match found.parameter.is_rotation() {
         true => format!("{:.3}\u{b0}", value.to_degrees()),
         false => format!("{:.2} ms", value * 1e3),
     }
 }
 
-fn components(found: &Found) -> String {
+fn components(found: &CalibrationFinding) -> String {
     let all: Vec<String> = found.estimate.iter().map(|v| shown(found, *v)).collect();
     all.join(", ")
 }

@@ -1,7 +1,7 @@
 //! The result of a verification, as metrics, lines and JSON.
 
 use anyhow::{Context, Result};
-use calib::verify::{Finding as Found, Parameter, Status, Verification};
+use calib::verify::{Finding as CalibrationFinding, Parameter, Status, Verification};
 use serde_json::json;
 use session_archive::handoff::Verdict;
 use session_archive::manifest;
@@ -26,7 +26,7 @@ impl SessionVerification {
     pub(super) fn measurements(&self) -> Vec<Measurement> {
         let determined = self.verification.findings.iter();
         let determined = determined.filter(|f| f.status != Status::Undetermined);
-        let one = |found: &Found| {
+        let one = |found: &CalibrationFinding| {
             let (metric, value) = match found.parameter {
                 Parameter::StereoRotation => ("calib.stereo_rotation", found.excess.to_degrees()),
                 Parameter::Camera => ("calib.camera_rotation", found.excess.to_degrees()),
@@ -53,7 +53,7 @@ impl SessionVerification {
     }
 
     /// Text of a finding, with the revision that it contradicts.
-    pub(super) fn words(&self, found: &Found) -> String {
+    pub(super) fn words(&self, found: &CalibrationFinding) -> String {
         match &self.revision {
             Some((_, revision))
                 if found.status == Status::Inconsistent && found.parameter == Parameter::Camera =>
@@ -92,7 +92,7 @@ impl SessionVerification {
     }
 
     /// PASS, WARN or FAIL; empty for an undetermined parameter.
-    pub(super) fn verdict(&self, found: &Found, findings: &[Finding]) -> String {
+    pub(super) fn verdict(&self, found: &CalibrationFinding, findings: &[Finding]) -> String {
         let words = self.words(found);
         let of = findings
             .iter()

@@ -15,7 +15,7 @@ use crate::sources::device::Device;
 use crate::sources::gstreamer::Gstreamer;
 use crate::sources::replay::{Replay, ReplayError};
 #[cfg(feature = "simulator")]
-use crate::sources::simulated::Simulated;
+use crate::sources::simulated::SimulatedCamera;
 use crate::sources::synthetic::Synthetic;
 use crate::sources::video_file::VideoReplay;
 use crate::sources::walks::Walks;
@@ -143,7 +143,7 @@ fn open(
         #[cfg(feature = "simulator")]
         SourceConfig::Simulated(s) => {
             let faults = s.faults.as_deref();
-            let simulated = Simulated::open(&camera.name, &s.walk, faults, rig, walks, start);
+            let simulated = SimulatedCamera::open(&camera.name, &s.walk, faults, rig, walks, start);
             SourceSummary::of(&usable(simulated, report)?)
         }
         SourceConfig::Synthetic(s) => {

@@ -17,7 +17,7 @@ pub(super) const ENDED_EARLY: &str = "the encoder ended without giving them";
 
 /// Output of a [`CameraEncoder`](super::CameraEncoder).
 #[derive(Debug)]
-pub enum Encoded {
+pub enum EncoderOutput {
     /// An access unit and its companion.
     Frame {
         /// The record without the fields that the archive writer fills in.
@@ -43,7 +43,7 @@ pub enum Encoded {
 }
 
 /// Receiver of the output; called from the encoder's threads.
-pub type Sink = Arc<dyn Fn(Encoded) + Send + Sync>;
+pub type Sink = Arc<dyn Fn(EncoderOutput) + Send + Sync>;
 
 /// State shared by the pushing thread and the encoder's threads. Each encoder has its own, so that
 /// a late event of a replaced encoder has no effect.
@@ -87,7 +87,7 @@ pub(super) fn report_undelivered(shared: &EncoderShared, sink: &Sink, detail: &s
     }
     state.abandoned = true;
     for (_, frame) in state.frames.drain(..) {
-        sink(Encoded::Dropped {
+        sink(EncoderOutput::Dropped {
             at: HostTime(frame.time),
             first: frame.number,
             last: frame.number,
@@ -133,7 +133,7 @@ pub(super) fn deliver(event: EncoderEvent, shared: &EncoderShared, sink: &Sink) 
         Some((pts, _)) if *pts == unit.pts_ns => {
             if let Some((_, frame)) = state.frames.pop_front() {
                 state.delivered += 1;
-                sink(Encoded::Frame {
+                sink(EncoderOutput::Frame {
                     frame,
                     unit: unit.data,
                     key: unit.key,

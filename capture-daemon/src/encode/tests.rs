@@ -79,11 +79,11 @@ fn encoder() -> (CameraEncoder, Outputs) {
     let sink: Sink = Arc::new(move |encoded| {
         let mut out = out.lock().expect("seen");
         match encoded {
-            Encoded::Frame { frame, unit, key } => {
+            EncoderOutput::Frame { frame, unit, key } => {
                 assert!(!unit.is_empty());
                 out.push((frame.number, Ok(key)));
             }
-            Encoded::Dropped {
+            EncoderOutput::Dropped {
                 first, last, cause, ..
             } => {
                 out.extend((first..=last).map(|n| (n, Err(cause))));

@@ -2,7 +2,7 @@
 
 use video::EncoderSettings;
 
-use crate::sources::{ImuInfo, Stamped};
+use crate::sources::{ImuInfo, TimestampRelation};
 use crate::sync::clock::ClockConfig;
 
 /// Description of a camera for the hub.
@@ -21,7 +21,7 @@ pub struct CameraSetup {
     /// An image that does not change is no fault.
     pub still: bool,
     /// Properties of its host timestamps, if its frames carry them.
-    pub stamped: Option<Stamped>,
+    pub stamped: Option<TimestampRelation>,
     /// Encoder settings.
     pub encoder: EncoderSettings,
     /// Its IMU.

@@ -7,9 +7,9 @@ use session_archive::record::paws::clock_map::{Model as ModelRecord, Piece, Unre
 use session_archive::time::{HostTime, NS_PER_S, TickLength};
 
 use super::outgoing::{Out, Outgoing};
-use crate::sources::Stamped;
+use crate::sources::TimestampRelation;
 use crate::sync::clock::{
-    ClockConfig, ClockMap, ClockMapper, Mapped, Model, MonotoneGuard, Observation,
+    ClockConfig, ClockMap, ClockMapper, MappedTime, Model, MonotoneGuard, Observation,
 };
 
 /// Maximum time in transit from a device, ns.
@@ -25,7 +25,7 @@ const STAMPS_VERSION: u32 = 1;
 pub(super) struct StreamClock {
     name: String,
     mapper: ClockMapper,
-    stamped: Option<Stamped>,
+    stamped: Option<TimestampRelation>,
     guard: MonotoneGuard,
     announced: u32,
     tick: TickLength,
@@ -33,8 +33,8 @@ pub(super) struct StreamClock {
 
 impl StreamClock {
     /// With `stamped`, ticks are ns of the host clock.
-    pub(super) fn new(name: &str, config: ClockConfig, stamped: Option<Stamped>) -> Self {
-        let stamped = stamped.map(|stamped| Stamped {
+    pub(super) fn new(name: &str, config: ClockConfig, stamped: Option<TimestampRelation>) -> Self {
+        let stamped = stamped.map(|stamped| TimestampRelation {
             latency_ns: stamped.latency_ns + config.latency_ns,
             sigma_ns: (stamped.sigma_ns as f64).hypot(config.latency_sigma_ns as f64) as u64,
         });
@@ -50,7 +50,7 @@ impl StreamClock {
 
     /// Updates the map with a sample and maps its ticks, which are returned unwrapped. Publishes
     /// the map if it has changed.
-    pub(super) fn map(&mut self, ticks: i64, arrival: HostTime, out: &Out) -> (i64, Mapped) {
+    pub(super) fn map(&mut self, ticks: i64, arrival: HostTime, out: &Out) -> (i64, MappedTime) {
         match self.stamped {
             Some(stamped) => (ticks, self.stamp(stamped, ticks, arrival, out)),
             None => self.learn(ticks, arrival, out),
@@ -62,7 +62,13 @@ impl StreamClock {
         self.mapper.map(ticks).map(|mapped| mapped.time)
     }
 
-    fn stamp(&mut self, stamped: Stamped, ticks: i64, arrival: HostTime, out: &Out) -> Mapped {
+    fn stamp(
+        &mut self,
+        stamped: TimestampRelation,
+        ticks: i64,
+        arrival: HostTime,
+        out: &Out,
+    ) -> MappedTime {
         if self.announced != STAMPS_VERSION {
             self.announced = STAMPS_VERSION;
             let map = stamps_record(&self.name, self.tick, stamped, ticks);
@@ -70,7 +76,7 @@ impl StreamClock {
         }
         let way_ns = arrival.0.saturating_sub(ticks);
         let is_believed = (-MAX_FUTURE_NS..MAX_TRANSIT_NS).contains(&way_ns);
-        let mapped = Mapped {
+        let mapped = MappedTime {
             time: if is_believed {
                 HostTime(ticks.saturating_sub(stamped.latency_ns))
             } else {
@@ -87,7 +93,7 @@ impl StreamClock {
         self.guard.pass(ticks, mapped)
     }
 
-    fn learn(&mut self, ticks: i64, arrival: HostTime, out: &Out) -> (i64, Mapped) {
+    fn learn(&mut self, ticks: i64, arrival: HostTime, out: &Out) -> (i64, MappedTime) {
         let observation = self.mapper.observe(ticks, arrival);
         if let Observation::Step(step) = observation {
             self.guard.step();
@@ -111,7 +117,7 @@ impl StreamClock {
         let unwrapped = self.mapper.ticks(ticks);
         // A tick beyond the range of time, or long before its arrival, has no better time than its
         // arrival.
-        let unknown = Mapped {
+        let unknown = MappedTime {
             time: arrival,
             sigma_ns: NS_PER_S as u64,
             map_version: version,
@@ -125,7 +131,12 @@ impl StreamClock {
 }
 
 /// Clock map from timestamps to times: identical but for the latency.
-fn stamps_record(clock: &str, tick: TickLength, stamped: Stamped, since: i64) -> ClockMapRecord {
+fn stamps_record(
+    clock: &str,
+    tick: TickLength,
+    stamped: TimestampRelation,
+    since: i64,
+) -> ClockMapRecord {
     ClockMapRecord {
         clock: clock.to_owned(),
         version: STAMPS_VERSION,

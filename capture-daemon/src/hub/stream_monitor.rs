@@ -15,7 +15,7 @@ pub const TICK_NS: i64 = 100_000_000;
 struct Absence {
     /// Arrival of the last sample.
     last: HostTime,
-    disconnect: Disconnected,
+    disconnect: Disconnect,
 }
 
 /// Detects silence and counts samples.
@@ -89,7 +89,7 @@ impl StreamMonitor {
     }
 
     /// The device is disconnected. Missed samples are reported repeatedly until it reconnects.
-    pub(super) fn note_disconnect(&mut self, disconnect: &Disconnected) {
+    pub(super) fn note_disconnect(&mut self, disconnect: &Disconnect) {
         // After two disconnects without a sample between them, the first one counts.
         self.absence.get_or_insert(Absence {
             last: self.last.unwrap_or(disconnect.host_time),

@@ -6,7 +6,9 @@ use session_archive::time::TickLength;
 
 use super::stream_clock::MAX_TRANSIT_NS;
 use super::*;
-use crate::sources::{DevicePart, FrameArrival, ImuInfo, ImuValues, RawFrame, RawImu, Stamped};
+use crate::sources::{
+    DevicePart, FrameArrival, ImuInfo, ImuValues, RawFrame, RawImu, TimestampRelation,
+};
 use crate::sync::clock::ClockConfig;
 use video::{EncoderSettings, PixelFormat, RawImage};
 
@@ -24,7 +26,7 @@ fn bench() -> Bench {
     bench_with(None)
 }
 
-fn bench_with(stamped: Option<Stamped>) -> Bench {
+fn bench_with(stamped: Option<TimestampRelation>) -> Bench {
     bench_of(vec![CameraSetup {
         stamped,
         ..camera("feet")
@@ -248,7 +250,7 @@ fn samples_missed_while_disconnected_have_that_cause() {
         let host_time = at(i) + 10 * MS;
         let detail = "unplugged".to_owned();
         let part = DevicePart::Both;
-        let disconnect = Sample::Disconnected(Disconnected {
+        let disconnect = Sample::Disconnected(Disconnect {
             host_time,
             part,
             detail,
@@ -313,7 +315,7 @@ fn missed_samples_are_reported_during_the_disconnect() {
     for i in 0..10 {
         bench.frame(i as u64, at(i));
     }
-    let disconnect = Sample::Disconnected(Disconnected {
+    let disconnect = Sample::Disconnected(Disconnect {
         host_time: at(9),
         part: DevicePart::Camera,
         detail: "unplugged".to_owned(),
@@ -374,7 +376,7 @@ fn tick_far_in_the_past_is_timed_by_its_arrival() {
 /// A driver's timestamp on the host clock is a time, unless it is impossible.
 #[test]
 fn host_timestamps_are_used_as_times() {
-    let mut bench = bench_with(Some(Stamped {
+    let mut bench = bench_with(Some(TimestampRelation {
         latency_ns: 2 * MS,
         sigma_ns: 50_000,
     }));
@@ -478,8 +480,8 @@ fn queued_frames_are_dropped_when_not_recording() {
         bench.hub.cameras[0].setup.encoder.clone(),
         bench.frame_arrival.clone(),
     );
-    let sink = Arc::new(move |encoded: Encoded| match encoded {
-        Encoded::Dropped {
+    let sink = Arc::new(move |encoded: EncoderOutput| match encoded {
+        EncoderOutput::Dropped {
             at, first, last, ..
         } => frame_arrival.lock().expect("seen").push(Outgoing::Dropped {
             at,
@@ -489,7 +491,7 @@ fn queued_frames_are_dropped_when_not_recording() {
             cause: Cause::Late,
             detail: String::new(),
         }),
-        Encoded::Frame { .. } => panic!("there is no such encoder"),
+        EncoderOutput::Frame { .. } => panic!("there is no such encoder"),
     });
     bench.hub.cameras[0].encoder = CameraEncoder::new(settings, 500 * MS, 1 << 20, sink);
     for i in 0..10 {
@@ -541,7 +543,7 @@ fn camera_and_imu_disconnect_independently() {
     let mut bench = bench();
     let at = |i: i64| START + i * 50 * MS;
     let disconnect = |bench: &mut Bench, part, i: i64| {
-        let disconnect = Sample::Disconnected(Disconnected {
+        let disconnect = Sample::Disconnected(Disconnect {
             host_time: at(i),
             part,
             detail: "unplugged".to_owned(),

@@ -26,7 +26,7 @@ use crate::sources::device::Device;
 use crate::sources::gstreamer::Gstreamer;
 use crate::sources::replay::Replay;
 #[cfg(feature = "simulator")]
-use crate::sources::simulated::Simulated;
+use crate::sources::simulated::SimulatedCamera;
 use crate::sources::synthetic::Synthetic;
 use crate::sources::video_file::VideoReplay;
 use crate::sources::walks::Walks;
@@ -34,7 +34,7 @@ use crate::sources::{AnySource, CameraInfo, Source, SourceInfo, rig_file_name};
 use crate::sync::clock::ClockConfig;
 
 /// All parts of a run.
-pub struct Built {
+pub struct RunParts {
     /// One source per camera, in the order of the configuration.
     pub sources: Vec<AnySource>,
     /// Setup of the hub.
@@ -43,7 +43,7 @@ pub struct Built {
     pub setup: Setup,
 }
 
-impl Built {
+impl RunParts {
     /// Lets scheduled sources begin at `start`; from then on the session's files contain their
     /// ground truth.
     ///
@@ -65,7 +65,7 @@ impl Built {
 ///
 /// # Errors
 /// A part that cannot be opened, found or read, with the camera's name.
-pub fn build(config: &Config, start: HostTime) -> anyhow::Result<Built> {
+pub fn build(config: &Config, start: HostTime) -> anyhow::Result<RunParts> {
     video::init()?;
     let rig = read_rig(config.rig.as_deref())?;
     let mut sources = Vec::new();
@@ -121,7 +121,7 @@ pub fn build(config: &Config, start: HostTime) -> anyhow::Result<Built> {
         cameras.push(of_hub);
     }
     setup.transforms = transforms.into_record();
-    Ok(Built {
+    Ok(RunParts {
         sources,
         cameras,
         setup,
@@ -158,7 +158,7 @@ fn open(
         }
         SourceConfig::Video(v) => Box::new(VideoReplay::open(&camera.name, v, start)?),
         #[cfg(feature = "simulator")]
-        SourceConfig::Simulated(s) => Box::new(Simulated::open(
+        SourceConfig::Simulated(s) => Box::new(SimulatedCamera::open(
             &camera.name,
             &s.walk,
             s.faults.as_deref(),

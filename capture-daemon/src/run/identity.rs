@@ -9,14 +9,14 @@
 //!
 //! The folders of sessions and files are not part of the digest.
 
-use super::build::Built;
+use super::build::RunParts;
 use super::outcome::RecordOptions;
 use crate::digest::Digest;
 use crate::sources::AnySource;
 
 /// Bytes of the identifier; the caller sets the bits that make it a UUID.
-pub(super) fn of(built: &Built, options: &RecordOptions) -> [u8; 16] {
-    let Built {
+pub(super) fn of(built: &RunParts, options: &RecordOptions) -> [u8; 16] {
+    let RunParts {
         sources,
         cameras,
         setup,

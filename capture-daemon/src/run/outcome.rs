@@ -45,7 +45,7 @@ pub struct RecordOptions {
 
 /// Result of a recording.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Finished {
+pub struct RecordingSummary {
     /// The session's folder.
     pub session: PathBuf,
     /// Samples stored, all streams.
@@ -60,7 +60,7 @@ pub struct Finished {
 
 /// Result of a recording: its last progress, and the first source that failed during it.
 #[derive(Clone, Default)]
-pub(super) struct Outcome(Arc<Mutex<(Option<Finished>, Option<String>)>>);
+pub(super) struct Outcome(Arc<Mutex<(Option<RecordingSummary>, Option<String>)>>);
 
 impl Outcome {
     /// Stores the failure of a source: the recording continues without it, and ends as failed.
@@ -85,7 +85,7 @@ impl Outcome {
                 if error.is_none() {
                     error.clone_from(&outcome.1);
                 }
-                outcome.0 = Some(Finished {
+                outcome.0 = Some(RecordingSummary {
                     session: session.clone(),
                     stored: *stored,
                     missing: *missing,
@@ -101,12 +101,12 @@ impl Outcome {
         self.lock().0.is_some()
     }
 
-    pub(super) fn take(&self) -> anyhow::Result<Finished> {
+    pub(super) fn take(&self) -> anyhow::Result<RecordingSummary> {
         let finished = self.lock().0.take();
         finished.ok_or_else(|| anyhow!("the recording ended without a session"))
     }
 
-    fn lock(&self) -> MutexGuard<'_, (Option<Finished>, Option<String>)> {
+    fn lock(&self) -> MutexGuard<'_, (Option<RecordingSummary>, Option<String>)> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }

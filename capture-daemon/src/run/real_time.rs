@@ -14,8 +14,8 @@ use session_archive::time::{HostTime, NS_PER_S};
 
 use self::running::{REPLAY_LEAD_NS, WATCHDOG_NS};
 use self::waiting::{POLL_TIMEOUT, wait_until};
-use super::build::Built;
-use super::outcome::{Finished, Outcome, RecordOptions, StopFlag, stop_reason};
+use super::build::RunParts;
+use super::outcome::{Outcome, RecordOptions, RecordingSummary, StopFlag, stop_reason};
 use crate::announce::FirstFrames;
 use crate::clock::Clock as _;
 use crate::recorder::OnProgress;
@@ -41,11 +41,11 @@ const CLOSE_LIMIT_NS: i64 = 4 * WATCHDOG_NS;
 
 /// Records one session in real time. See [`super::record_built`].
 pub(super) fn record(
-    build: impl FnOnce(HostTime) -> anyhow::Result<Built>,
+    build: impl FnOnce(HostTime) -> anyhow::Result<RunParts>,
     options: &RecordOptions,
     stop: &StopFlag,
     on_progress: OnProgress,
-) -> anyhow::Result<Finished> {
+) -> anyhow::Result<RecordingSummary> {
     let outcome = Outcome::default();
     let running = Running::start(
         build,

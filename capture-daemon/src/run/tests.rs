@@ -40,7 +40,7 @@ impl Source for Failing {
 const CAMERAS: [&str; 2] = ["feet", "left_shoulder"];
 
 /// Records the first `cameras` cameras, of which the first one fails after five samples.
-fn run(cameras: usize, virtual_time: bool) -> (Finished, String, Vec<Progress>) {
+fn run(cameras: usize, virtual_time: bool) -> (RecordingSummary, String, Vec<Progress>) {
     let folder = tempfile::tempdir().expect("folder");
     let cameras = CAMERAS[..cameras].iter().map(|name| {
         format!(
@@ -83,7 +83,7 @@ fn run(cameras: usize, virtual_time: bool) -> (Finished, String, Vec<Progress>) 
     (finished, manifest, progress)
 }
 
-fn check_failed(finished: &Finished, progress: &[Progress]) {
+fn check_failed(finished: &RecordingSummary, progress: &[Progress]) {
     let error = "feet cannot be read: damaged";
     assert_eq!(finished.error.as_deref(), Some(error));
     assert!(progress.contains(&Progress::Alarm {

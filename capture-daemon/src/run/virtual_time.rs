@@ -9,9 +9,9 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use anyhow::{anyhow, bail};
 use session_archive::time::{CivilTime, HostTime, NS_PER_S};
 
-use super::build::Built;
+use super::build::RunParts;
 use super::identity;
-use super::outcome::{Finished, Outcome, RecordOptions, StopFlag, stop_reason};
+use super::outcome::{Outcome, RecordOptions, RecordingSummary, StopFlag, stop_reason};
 use super::store::FolderStore;
 use crate::clock::VirtualClock;
 use crate::encode::RemainingFrames;
@@ -26,15 +26,15 @@ const START: HostTime = HostTime(1000 * NS_PER_S);
 const CIVIL: CivilTime = CivilTime(1_767_225_600 * NS_PER_S);
 
 pub(super) fn record(
-    build: impl FnOnce(HostTime) -> anyhow::Result<Built>,
+    build: impl FnOnce(HostTime) -> anyhow::Result<RunParts>,
     options: &RecordOptions,
     stop: &StopFlag,
     on_progress: OnProgress,
-) -> anyhow::Result<Finished> {
+) -> anyhow::Result<RecordingSummary> {
     let mut built = build(START)?;
     built.begin_at(START)?;
     let identity = identity::of(&built, options);
-    let Built {
+    let RunParts {
         sources,
         cameras,
         setup,

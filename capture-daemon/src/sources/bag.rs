@@ -40,7 +40,7 @@ pub use error::BagError;
 use container::{Container, RecordLocation};
 use image::BagImage;
 use messages::Kind;
-use plan::{Outcome, Plan, Planned};
+use plan::{Outcome, Plan, PlannedFrame};
 
 /// rosbag2's other storage, and how to convert it.
 const SQLITE: (&str, &str) = (
@@ -192,7 +192,7 @@ impl Bag {
     }
 
     fn frame(&mut self, position: usize) -> Result<Sample, SourceError> {
-        let Planned {
+        let PlannedFrame {
             number,
             offset_ns,
             ref what,

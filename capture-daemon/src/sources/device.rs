@@ -24,8 +24,8 @@ use v4l2::hotplug::Watch;
 use zed::report::{ACCEL_M_PER_S2, GYRO_DEG_PER_S, TEMPERATURE_C};
 
 use super::{
-    CameraInfo, DevicePart, Disconnected, ImuInfo, Live, Sample, Sink, SourceError, SourceInfo,
-    Stamped,
+    CameraInfo, DevicePart, Disconnect, ImuInfo, Live, Sample, Sink, SourceError, SourceInfo,
+    TimestampRelation,
 };
 use crate::config::{DeviceChoice, PixelLayout, V4l2Config, ZedImuConfig};
 
@@ -63,7 +63,7 @@ impl Device {
             number_bits: Some(32),
             colour: config.format != PixelLayout::Grey,
             still: false,
-            stamped: Some(Stamped {
+            stamped: Some(TimestampRelation {
                 latency_ns: 0,
                 sigma_ns: TIMESTAMP_SIGMA_NS,
             }),
@@ -223,7 +223,7 @@ pub(super) fn report_disconnect(
     if sink.is_ending() || reported.as_ref() == Some(&detail) {
         return;
     }
-    sink.put(Sample::Disconnected(Disconnected {
+    sink.put(Sample::Disconnected(Disconnect {
         host_time: sink.now(),
         part,
         detail: detail.clone(),

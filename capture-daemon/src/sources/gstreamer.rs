@@ -13,7 +13,7 @@ use std::time::Duration;
 use session_archive::record::paws::gap;
 use session_archive::time::{HostTime, TickLength};
 use v4l2::hotplug::Watch;
-use video::capture::{CaptureError, Cause, Content, Delivery, Eye, Lost as LostFrames, policy};
+use video::capture::{CaptureError, Cause, Content, Delivery, Eye, LostFrames, policy};
 use video::{Capture, CaptureEvent, CaptureSettings, CapturedFrame};
 
 use super::device::{
@@ -21,7 +21,7 @@ use super::device::{
 };
 use super::{
     CameraInfo, DevicePart, DroppedFrame, FrameArrival, Live, RawFrame, Sample, Sink, SourceError,
-    SourceInfo, Stamped,
+    SourceInfo, TimestampRelation,
 };
 use crate::clock::{Clock as _, RealClock};
 use crate::config::GstreamerConfig;
@@ -51,7 +51,7 @@ impl Gstreamer {
             number_bits: None,
             colour: true,
             still: false,
-            stamped: Some(Stamped {
+            stamped: Some(TimestampRelation {
                 latency_ns: worth.latency_ns,
                 sigma_ns: worth.sigma_ns,
             }),

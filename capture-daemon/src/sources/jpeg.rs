@@ -37,7 +37,7 @@ pub(super) enum JpegError {
 
 /// A decoded image.
 #[derive(Clone, Debug, PartialEq)]
-pub(super) struct Decoded {
+pub(super) struct DecodedImage {
     /// Whether the file has chroma.
     pub(super) colour: bool,
     /// As I420.
@@ -48,7 +48,7 @@ pub(super) struct Decoded {
 ///
 /// # Errors
 /// See [`JpegError`].
-pub(super) fn decode(bytes: &[u8]) -> Result<Decoded, JpegError> {
+pub(super) fn decode(bytes: &[u8]) -> Result<DecodedImage, JpegError> {
     let damaged = |error: &dyn std::fmt::Display| JpegError::Damaged(error.to_string());
     let patched = with_tables(bytes);
     let bytes = patched.as_deref().unwrap_or(bytes);
@@ -83,7 +83,7 @@ pub(super) fn decode(bytes: &[u8]) -> Result<Decoded, JpegError> {
         return Err(RawImageError::WrongLength { found, expected }.into());
     }
     let image = i420(width as usize, height as usize, samples, &pixels)?;
-    Ok(Decoded { colour, image })
+    Ok(DecodedImage { colour, image })
 }
 
 /// Interleaved Y Cb Cr, or Y alone, as I420.

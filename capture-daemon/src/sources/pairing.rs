@@ -26,7 +26,7 @@ pub(super) struct TimedImage<T> {
 
 /// Output of the pairing.
 #[derive(Debug)]
-pub(super) enum Paired<T> {
+pub(super) enum PairingOutput<T> {
     /// Left and right.
     Both(TimedImage<T>, TimedImage<T>),
     /// An image of one eye without a partner.
@@ -87,13 +87,18 @@ impl<T> ImagePairer<T> {
     }
 
     /// Takes an image and outputs the decided ones.
-    pub(super) fn push(&mut self, eye: Eye, image: TimedImage<T>, mut out: impl FnMut(Paired<T>)) {
+    pub(super) fn push(
+        &mut self,
+        eye: Eye,
+        image: TimedImage<T>,
+        mut out: impl FnMut(PairingOutput<T>),
+    ) {
         self.side(eye).push_back(image);
         while let (Some(left), Some(right)) = (self.left.front(), self.right.front()) {
             let later_ns = right.time_ns.saturating_sub(left.time_ns);
             if later_ns.saturating_abs() <= self.within_ns {
                 if let (Some(left), Some(right)) = (self.left.pop_front(), self.right.pop_front()) {
-                    out(Paired::Both(left, right));
+                    out(PairingOutput::Both(left, right));
                 }
                 continue;
             }
@@ -108,7 +113,7 @@ impl<T> ImagePairer<T> {
     }
 
     /// Outputs the waiting images.
-    pub(super) fn finish(&mut self, mut out: impl FnMut(Paired<T>)) {
+    pub(super) fn finish(&mut self, mut out: impl FnMut(PairingOutput<T>)) {
         for eye in [Eye::Left, Eye::Right] {
             while !self.side(eye).is_empty() {
                 self.give_up(eye, &mut out);
@@ -124,9 +129,9 @@ impl<T> ImagePairer<T> {
     }
 
     /// Outputs the oldest image of `eye` as unpaired.
-    fn give_up(&mut self, eye: Eye, out: &mut impl FnMut(Paired<T>)) {
+    fn give_up(&mut self, eye: Eye, out: &mut impl FnMut(PairingOutput<T>)) {
         if let Some(image) = self.side(eye).pop_front() {
-            out(Paired::Unpaired(eye, image));
+            out(PairingOutput::Unpaired(eye, image));
         }
     }
 }
@@ -138,14 +143,14 @@ mod tests {
     use super::*;
 
     /// Times of pairs, and of unpaired images, in output order.
-    type Sorted = (Vec<(i64, i64)>, Vec<(Eye, i64)>);
+    type PairingTimes = (Vec<(i64, i64)>, Vec<(Eye, i64)>);
 
-    fn pair(within_ns: i64, images: &[(Eye, i64)]) -> Sorted {
+    fn pair(within_ns: i64, images: &[(Eye, i64)]) -> PairingTimes {
         let mut pairs = ImagePairer::new(within_ns);
         let (mut both, mut alone) = (Vec::new(), Vec::new());
-        let mut out = |paired: Paired<()>| match paired {
-            Paired::Both(left, right) => both.push((left.time_ns, right.time_ns)),
-            Paired::Unpaired(eye, image) => alone.push((eye, image.time_ns)),
+        let mut out = |paired: PairingOutput<()>| match paired {
+            PairingOutput::Both(left, right) => both.push((left.time_ns, right.time_ns)),
+            PairingOutput::Unpaired(eye, image) => alone.push((eye, image.time_ns)),
         };
         for &(eye, time_ns) in images {
             pairs.push(eye, TimedImage { time_ns, of: () }, &mut out);

@@ -25,8 +25,8 @@ use crate::digest::Digest;
 
 use super::walks::Walks;
 use super::{
-    CameraInfo, DevicePart, Disconnected, DroppedFrame, ImuInfo, ImuValues, RawFrame, RawImu,
-    Sample, Source, SourceError, SourceInfo,
+    CameraInfo, DevicePart, Disconnect, DroppedFrame, ImuInfo, ImuValues, RawFrame, RawImu, Sample,
+    Source, SourceError, SourceInfo,
 };
 
 /// Error of creating the source. A retry will not help.
@@ -68,7 +68,7 @@ pub enum SimulatedError {
 }
 
 /// A camera of a simulated rig. See the module.
-pub struct Simulated {
+pub struct SimulatedCamera {
     info: SourceInfo,
     calibration: StereoCalibration,
     device: Device,
@@ -77,7 +77,7 @@ pub struct Simulated {
     digest: Vec<u8>,
 }
 
-impl Simulated {
+impl SimulatedCamera {
     /// The camera of this name on a simulated rig in a walk that begins at `start`.
     ///
     /// # Errors
@@ -215,7 +215,7 @@ fn i420(frame: &DeviceFrame) -> Result<RawImage, RawImageError> {
     }
 }
 
-impl Source for Simulated {
+impl Source for SimulatedCamera {
     fn info(&self) -> &SourceInfo {
         &self.info
     }
@@ -230,7 +230,7 @@ impl Source for Simulated {
         };
         let sample = match delivery {
             Delivery::Imu(sample) => Sample::Imu(self.imu(&sample)),
-            Delivery::Disconnected(at_ns) => Sample::Disconnected(Disconnected {
+            Delivery::Disconnected(at_ns) => Sample::Disconnected(Disconnect {
                 host_time: self.start + at_ns,
                 part: DevicePart::Both,
                 detail: "the simulated device was unplugged".to_owned(),
@@ -285,7 +285,7 @@ mod tests {
     const RIG: &str = include_str!("../../../cad-transforms/rigs/example.toml");
 
     /// The number of the next frame.
-    fn next_frame(source: &mut Simulated) -> Option<u64> {
+    fn next_frame(source: &mut SimulatedCamera) -> Option<u64> {
         while let Some(sample) = source.next_sample().expect("a sample") {
             if let Sample::Frame(frame) = sample {
                 return Some(frame.number);
@@ -310,7 +310,7 @@ mod tests {
         };
         let rig = Rig::parse(RIG).expect("a rig");
         let mut walks = Walks::default();
-        let source = Simulated::open("feet", &settings, None, Some(&rig), &mut walks, START);
+        let source = SimulatedCamera::open("feet", &settings, None, Some(&rig), &mut walks, START);
         let mut source = source.expect("a source");
         assert_eq!(next_frame(&mut source), Some(0));
 

@@ -51,7 +51,7 @@ use self::config::Config;
 use self::epoch::{Epoch, Sample, ticks_at};
 use self::fit::{Line, RatePrior, Terms};
 pub use self::guard::MonotoneGuard;
-pub use self::map::{ClockMap, Mapped, Model, Residuals, Segment, UnreliableSpan};
+pub use self::map::{ClockMap, MappedTime, Model, Residuals, Segment, UnreliableSpan};
 use self::suspicion::{Early, Suspicion};
 use self::tail::Tail;
 
@@ -292,7 +292,7 @@ impl ClockMapper {
     ///
     /// Flagged while the clock has not settled or a step is suspected. Never later than the
     /// newest arrival allows, if the tick is not beyond the newest.
-    pub fn map(&self, ticks: i64) -> Option<Mapped> {
+    pub fn map(&self, ticks: i64) -> Option<MappedTime> {
         let ticks = self.ticks(ticks);
         let last = self.last?;
         let mut mapped = self.map.map(ticks)?;

@@ -30,7 +30,7 @@ struct Numbers {
 
 /// A number returned by [`Renumber`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Numbered {
+pub struct SampleNumber {
     /// The stream's number.
     pub number: u64,
     /// The device restarted its counter: the number of samples missing here is unknown.
@@ -50,7 +50,7 @@ impl Renumber {
     }
 
     /// The stream's number for the device's number.
-    pub fn number(&mut self, raw: u64) -> Numbered {
+    pub fn number(&mut self, raw: u64) -> SampleNumber {
         let Some(newest) = self.newest else {
             return self.advance(raw, raw, false);
         };
@@ -70,7 +70,7 @@ impl Renumber {
             if run < MIN_RESTART_RUN {
                 let back = if ahead == 0 { 0 } else { back };
                 let number = newest.ours.saturating_sub(back);
-                return Numbered {
+                return SampleNumber {
                     number,
                     restarted: false,
                     late: true,
@@ -98,10 +98,10 @@ impl Renumber {
         self.advance(raw, ours, false).number
     }
 
-    fn advance(&mut self, raw: u64, ours: u64, restarted: bool) -> Numbered {
+    fn advance(&mut self, raw: u64, ours: u64, restarted: bool) -> SampleNumber {
         self.newest = Some(Numbers { raw, ours });
         self.behind = None;
-        Numbered {
+        SampleNumber {
             number: ours,
             restarted,
             late: false,
@@ -119,7 +119,7 @@ mod tests {
     fn renumbered(bits: Option<u8>, raw: &[u64]) -> Vec<i64> {
         let mut numbers = Renumber::new(bits);
         let number = |&raw| {
-            let Numbered {
+            let SampleNumber {
                 number, restarted, ..
             } = numbers.number(raw);
             if restarted {
@@ -182,7 +182,7 @@ mod tests {
             let mut numbers = Renumber::new(bits);
             let mut newest = None;
             for raw in raw {
-                let Numbered { number, restarted, late } = numbers.number(raw);
+                let SampleNumber { number, restarted, late } = numbers.number(raw);
                 if let Some(newest) = newest {
                     prop_assert!(!restarted || number == u64::saturating_add(newest, 1));
                     prop_assert!(late == (number <= newest) || newest == u64::MAX);

@@ -12,7 +12,7 @@ use std::sync::Arc;
 use anyhow::{Context, Result, bail, ensure};
 use console_output::{Console, Outcome, text};
 use session_access::open;
-use session_archive::recover::{Recovered, recover};
+use session_archive::recover::{Recovery, recover};
 use session_archive::storage::DiskStorage;
 use session_archive::time::CivilTime;
 use session_archive::verify::verify;
@@ -114,7 +114,7 @@ fn recovered_path(folder: &Path) -> PathBuf {
     path.into()
 }
 
-fn write(target: &Target, copy: &Path, bytes: u64, console: &Console<'_>) -> Result<Recovered> {
+fn write(target: &Target, copy: &Path, bytes: u64, console: &Console<'_>) -> Result<Recovery> {
     let reader = open(&target.folder)?;
     // Progress counts the verification of the source and of the copy.
     let progress = console.progress("recovering", 2 * bytes);
@@ -127,7 +127,7 @@ fn write(target: &Target, copy: &Path, bytes: u64, console: &Console<'_>) -> Res
 fn report_recovered(
     name: &str,
     copy: &str,
-    recovered: &Recovered,
+    recovered: &Recovery,
     console: &mut Console<'_>,
 ) -> Result<Outcome> {
     let kept: u64 = recovered.copy.streams.values().map(|s| s.samples).sum();

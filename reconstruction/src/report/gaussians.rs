@@ -19,11 +19,11 @@ pub(super) enum Gaussians {
     /// Nothing could be trained.
     Empty,
     /// A scene.
-    Trained(Box<Trained>),
+    Trained(Box<TrainedScene>),
 }
 
 /// A scene with what the page shows of it.
-pub(super) struct Trained {
+pub(super) struct TrainedScene {
     record: SplatScene,
     comparisons: Vec<(usize, Vec<u8>)>,
     paths: Vec<FlyPath>,
@@ -59,7 +59,7 @@ impl Gaussians {
             ));
             stills = gaussian_stills::along(&content, record.compensated, first)?;
         }
-        Ok(Self::Trained(Box::new(Trained {
+        Ok(Self::Trained(Box::new(TrainedScene {
             record,
             comparisons,
             paths,
@@ -89,7 +89,7 @@ impl Gaussians {
     }
 }
 
-impl Trained {
+impl TrainedScene {
     fn add(&self, mut page: Page) -> Page {
         page = page.text(&in_short(&self.record));
         if let Some(viewer) = &self.viewer {

@@ -13,9 +13,9 @@ use session_input::Color;
 
 use video::AccessUnit;
 
-use crate::session::{Recorded, hand_over, hand_over_with, seal};
+use crate::session::{RecordedSession, hand_over, hand_over_with, seal};
 
-fn session() -> (tempfile::TempDir, Recorded) {
+fn session() -> (tempfile::TempDir, RecordedSession) {
     let folder = tempfile::tempdir().expect("folder");
     let recorded = hand_over(folder.path());
     (folder, recorded)

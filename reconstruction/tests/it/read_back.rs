@@ -10,9 +10,9 @@ use session_archive::handoff::Verdict;
 use session_archive::layout;
 use session_archive::manifest::{Manifest, SegmentEntry, SegmentState};
 
-use crate::session::{Recorded, START, Source, hand_over, index, lens, seal_only};
+use crate::session::{RecordedSession, START, Source, hand_over, index, lens, seal_only};
 
-fn open() -> (tempfile::TempDir, Recorded, Input) {
+fn open() -> (tempfile::TempDir, RecordedSession, Input) {
     let folder = tempfile::tempdir().expect("folder");
     let recorded = hand_over(folder.path());
     let input = Input::open(folder.path()).expect("open");

@@ -43,14 +43,14 @@ pub(crate) struct Source {
 }
 
 /// What was recorded, to compare with.
-pub(crate) struct Recorded {
+pub(crate) struct RecordedSession {
     pub(crate) left_shoulder: Vec<Source>,
     pub(crate) feet: Vec<Source>,
     pub(crate) imu: Vec<ImuBatch>,
     pub(crate) sets: Vec<FrameSet>,
 }
 
-impl Recorded {
+impl RecordedSession {
     pub(crate) fn camera(&self, name: &str) -> &[Source] {
         match name {
             "feet" => &self.feet,
@@ -60,7 +60,7 @@ impl Recorded {
 }
 
 /// Records a session into `folder`, indexes it and hands it over.
-pub(crate) fn hand_over(folder: &Path) -> Recorded {
+pub(crate) fn hand_over(folder: &Path) -> RecordedSession {
     hand_over_with(folder, |_, _, unit| unit)
 }
 
@@ -69,7 +69,7 @@ pub(crate) fn hand_over(folder: &Path) -> Recorded {
 pub(crate) fn hand_over_with(
     folder: &Path,
     change: impl Fn(&str, u64, AccessUnit) -> AccessUnit,
-) -> Recorded {
+) -> RecordedSession {
     let recorded = record(folder, change);
     index(folder);
     seal(folder, Verdict::Pass);
@@ -326,10 +326,10 @@ enum Sample<'a> {
     Set(&'a FrameSet),
 }
 
-fn record(folder: &Path, change: impl Fn(&str, u64, AccessUnit) -> AccessUnit) -> Recorded {
+fn record(folder: &Path, change: impl Fn(&str, u64, AccessUnit) -> AccessUnit) -> RecordedSession {
     let spec = spec();
     let (grey, color) = (&spec.cameras[0], &spec.cameras[1]);
-    let recorded = Recorded {
+    let recorded = RecordedSession {
         // The first frame has the time of an IMU sample.
         left_shoulder: sources(grey, 50, 10 * MS + 26, &[]),
         feet: sources(color, 31, 3 * MS, &[12, 13, 14]),
@@ -337,7 +337,7 @@ fn record(folder: &Path, change: impl Fn(&str, u64, AccessUnit) -> AccessUnit) -
         sets: Vec::new(),
     };
     let units = encoded(&spec.cameras, [&recorded.left_shoulder, &recorded.feet]);
-    let recorded = Recorded {
+    let recorded = RecordedSession {
         sets: sets(&recorded.left_shoulder, &recorded.feet),
         ..recorded
     };

@@ -82,7 +82,7 @@ impl PyScene {
     #[getter]
     fn hash(&self) -> String {
         self.data
-            .hash
+            .hash()
             .iter()
             .map(|byte| format!("{byte:02x}"))
             .collect()

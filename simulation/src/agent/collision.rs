@@ -84,7 +84,7 @@ impl Sweep {
         let mut height_m = self.height_m;
         let passed = cell_between(&ground.levels()[level].grid, self.position_m, at_m);
         for at_m in passed.into_iter().chain([at_m]) {
-            height_m = reason(ground, at_m, height_m, &mut level)?;
+            height_m = free_height_m(ground, at_m, height_m, &mut level)?;
         }
         self.position_m = at_m;
         self.height_m = height_m;
@@ -94,13 +94,13 @@ impl Sweep {
 
     /// Goes on along the side of the blocking cell: sides of cells are along the axes.
     fn slide(&mut self, ground: &Ground, at_m: [f64; 2]) {
-        let off = [0, 1].map(|k| at_m[k] - self.position_m[k]);
-        let first = usize::from(off[1].abs() > off[0].abs());
+        let offset_m = [0, 1].map(|k| at_m[k] - self.position_m[k]);
+        let first = usize::from(offset_m[1].abs() > offset_m[0].abs());
         for axis in [first, 1 - first] {
             let mut along_m = self.position_m;
-            along_m[axis] += off[axis];
-            if off[axis] != 0.0 && self.go(ground, along_m).is_ok() {
-                self.length_m += off[axis].abs();
+            along_m[axis] += offset_m[axis];
+            if offset_m[axis] != 0.0 && self.go(ground, along_m).is_ok() {
+                self.length_m += offset_m[axis].abs();
                 return;
             }
         }
@@ -124,7 +124,7 @@ fn cell_between(grid: &Grid, a: [f64; 2], b: [f64; 2]) -> Option<[f64; 2]> {
 }
 
 /// Height of the ground at x, y for an agent that comes from a height, or why it cannot be there.
-fn reason(
+pub(super) fn free_height_m(
     ground: &Ground,
     at_m: [f64; 2],
     from_m: f64,

@@ -159,10 +159,19 @@ pub(super) fn result(
             covariance[(*row, *column)] = variance * inverse[(i, j)];
         }
     }
+    let lengths = pairs
+        .all
+        .iter()
+        .map(|pair| residual(&found.transform, pair).norm());
+    let mut lengths: Vec<f64> = lengths.collect();
+    lengths.sort_by(f64::total_cmp);
+    // The nearest rank; there are inliers, so that it exists.
+    let rank = (lengths.len() * 95).div_ceil(100).saturating_sub(1);
     Ok(Alignment {
         reference_from_estimate: found.transform,
         clock_offset_ns: (offset_s * 1e9).round() as i64,
         residual_m: (normal.squares / normal.count.max(1) as f64).sqrt(),
+        p95_m: lengths.get(rank).copied().unwrap_or(0.0),
         inliers: found.inliers.clone(),
         center_m: normal.center.into(),
         covariance,

@@ -118,9 +118,15 @@ pub struct RenderReport {
     /// Frames.
     pub frames: usize,
     /// Frames in which two sectors were cross-faded.
-    pub faded: usize,
+    pub cross_faded_frames: usize,
     /// Sectors that were rendered from.
     pub sectors: usize,
+}
+
+/// Frames to render, with the Gaussians that they show.
+struct Batch {
+    layers: Vec<Layers>,
+    contents: Contents,
 }
 
 /// Bytes of a pixel of [`Frames`].
@@ -194,10 +200,10 @@ impl CameraBatch {
         requests: &[FrameRequest],
         frames: &mut Frames,
     ) -> Result<RenderReport, SimulationError> {
-        self.check(requests)?;
+        let batch = self.prepare(requests)?;
         let (height, width) = (self.config.model.height, self.config.model.width);
         frames.resize(requests.len(), height as usize, width as usize);
-        self.render_into(requests, frames.buffers())
+        self.render_batch(batch, frames.buffers())
     }
 
     /// Renders a batch into memory of the caller.
@@ -212,7 +218,6 @@ impl CameraBatch {
         requests: &[FrameRequest],
         buffers: FrameBuffers<'_>,
     ) -> Result<RenderReport, SimulationError> {
-        self.check(requests)?;
         let pixels = self.pixels();
         check_length("rgb", buffers.rgb.len(), 3 * pixels * requests.len())?;
         check_length("depth_m", buffers.depth_m.len(), pixels * requests.len())?;
@@ -221,13 +226,36 @@ impl CameraBatch {
             buffers.has_depth.len(),
             pixels * requests.len(),
         )?;
-        let mut jobs: Vec<(Layers, Slot<'_>)> = requests
-            .iter()
+        let batch = self.prepare(requests)?;
+        self.render_batch(batch, buffers)
+    }
+
+    /// Checks a batch and loads what it shows: what follows cannot fail.
+    fn prepare(&self, requests: &[FrameRequest]) -> Result<Batch, SimulationError> {
+        self.check(requests)?;
+        let layers = requests.iter();
+        let layers: Vec<Layers> = layers
             .map(|request| Layers::new(self.store.scene(), request))
-            .zip(slots(buffers, pixels))
             .collect();
-        let contents = Contents::load(&self.store, jobs.iter().map(|(layers, _)| layers))?;
-        let faded = jobs.iter().filter(|(layers, _)| layers.is_faded()).count();
+        for layers in &layers {
+            self.developer
+                .times_s()
+                .try_for_each(|time_s| layers.check(&self.config, time_s))?;
+        }
+        let contents = Contents::load(&self.store, &layers)?;
+        Ok(Batch { layers, contents })
+    }
+
+    fn render_batch(
+        &self,
+        batch: Batch,
+        buffers: FrameBuffers<'_>,
+    ) -> Result<RenderReport, SimulationError> {
+        let Batch { layers, contents } = batch;
+        let frames = layers.len();
+        let cross_faded_frames = layers.iter().filter(|layers| layers.is_faded()).count();
+        let slots = slots(buffers, self.pixels());
+        let mut jobs: Vec<(Layers, Slot<'_>)> = layers.into_iter().zip(slots).collect();
         // Frames of one sector follow each other, so that its Gaussians stay in the cache.
         jobs.sort_by_key(|(layers, _)| layers.sector());
         let render = |(layers, slot): (Layers, Slot<'_>)| {
@@ -238,8 +266,8 @@ impl CameraBatch {
         };
         jobs.into_par_iter().try_for_each(render)?;
         Ok(RenderReport {
-            frames: requests.len(),
-            faded,
+            frames,
+            cross_faded_frames,
             sectors: contents.len(),
         })
     }

@@ -77,7 +77,7 @@ pub(super) fn frame(walk: &mut Walk) -> Result<FilmFrame> {
     Ok(FilmFrame {
         jpeg_base64: base64(&walk.image()?),
         map_px: walk.map_px(),
-        heading_rad: walk.state().yaw_rad,
+        heading_rad: walk.heading_rad(),
         caption: walk.caption()?,
     })
 }

@@ -121,7 +121,7 @@ impl Info {
         });
         Self {
             name: scene.name.clone(),
-            hash: scene.hash.iter().map(|b| format!("{b:02x}")).collect(),
+            hash: scene.hash().iter().map(|b| format!("{b:02x}")).collect(),
             sectors: sectors.collect(),
             missing: missing.collect(),
         }

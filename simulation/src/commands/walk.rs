@@ -8,7 +8,8 @@ use anyhow::{Context, Result, bail};
 use jpeg_encoder::{ColorType, Encoder};
 use simulation::{
     AgentState, CameraBatch, CameraConfig, FrameRequest, Frames, GaussianStore, Guide, MapImage,
-    ObservedScene, Playback, ResidencyConfig, SceneData, Task, World, WorldConfig,
+    ObservedScene, Playback, Recording, ResidencyConfig, SceneData, Similarity, Task, World,
+    WorldConfig,
 };
 use splats::{Camera, RenderConfig, Renderer};
 
@@ -38,6 +39,8 @@ pub(super) struct Walk {
     frames: Frames,
     judge: Option<Judge>,
     pub(super) map: MapImage,
+    /// Of the frame of each sector.
+    map_from_sectors: Vec<Similarity>,
     /// Path length of the episodes before this one, m, and steps of theirs that were stopped.
     before_m: f64,
     before_collisions: u32,
@@ -75,25 +78,30 @@ impl Walk {
         config.start.min_support_db = min_support_db;
         config.end.min_support_db = min_support_db;
         let mut guides = Vec::new();
-        let mut map = None;
         for sector in &scene.sectors {
             let Some(levels) = &sector.levels else {
                 bail!("sector {} has no maps to walk on", sector.name);
             };
-            map = map.or_else(|| MapImage::new(levels));
             guides.push(Guide::new(levels.to_vec(), &config.agent, seed, GOALS_M)?);
         }
-        let mut map = map.context("the maps of the scene are empty")?;
-        let trajectory = scene.sectors[0].recording.trajectory.as_ref();
-        let path_m: Vec<[f64; 2]> = trajectory
-            .into_iter()
-            .flat_map(|trajectory| trajectory.usable())
-            .map(|pose| {
-                let [x, y, _] = pose.world_from_rig.translation_m();
-                [x, y]
-            })
-            .collect();
-        map.path(&path_m);
+        let mut map = MapImage::new(&scene).context("the maps of the scene are empty")?;
+        let mut map_from_sectors = Vec::new();
+        for (number, (root, map_from_sector)) in scene.roots_from_sectors().into_iter().enumerate()
+        {
+            if root != 0 {
+                bail!(
+                    "no edges connect sector {} with sector {}, and a walk has one map",
+                    scene.sectors[number].name,
+                    scene.sectors[0].name
+                );
+            }
+            let recording = &scene.sectors[number].recording;
+            let mut before = scene.sectors[..number].iter();
+            if before.all(|sector| !Arc::ptr_eq(&sector.recording, recording)) {
+                map.path(&path_on_map(recording, &map_from_sector));
+            }
+            map_from_sectors.push(map_from_sector);
+        }
         // Times of several recordings have nothing to do with each other.
         let recording = &scene.sectors[0].recording;
         let mut sectors = scene.sectors.iter();
@@ -113,6 +121,7 @@ impl Walk {
             judge,
             frames: Frames::default(),
             map,
+            map_from_sectors,
             before_m: 0.0,
             before_collisions: 0,
             ends: 0,
@@ -212,15 +221,29 @@ impl Walk {
 
     /// Its position on the map, px.
     pub(super) fn map_px(&self) -> [f64; 2] {
-        let [x, y, _] = self.state().position_m;
+        self.px(self.state().position_m)
+    }
+
+    /// Its heading on the map, counterclockwise from the right, rad.
+    pub(super) fn heading_rad(&self) -> f64 {
+        let sector = self.world.world_from_camera(0).0;
+        let yaw_rad = self.state().yaw_rad;
+        let [x, y, _] =
+            self.map_from_sectors[sector].rotate([libm::cos(yaw_rad), libm::sin(yaw_rad), 0.0]);
+        libm::atan2(y, x)
+    }
+
+    /// A position in the sector of the agent on the map, px.
+    fn px(&self, position_m: [f64; 3]) -> [f64; 2] {
+        let sector = self.world.world_from_camera(0).0;
+        let [x, y, _] = self.map_from_sectors[sector].apply(position_m);
         self.map.px([x, y])
     }
 
     /// Its goal on the map, px.
     pub(super) fn goal_px(&self) -> Option<[f64; 2]> {
         let sector = self.world.world_from_camera(0).0;
-        let [x, y, _] = self.guides[sector].goal_m()?;
-        Some(self.map.px([x, y]))
+        Some(self.px(self.guides[sector].goal_m()?))
     }
 
     /// Goals that it reached.
@@ -273,6 +296,14 @@ impl Walk {
         }
         Ok(text)
     }
+}
+
+/// The recorded walk on a map, m.
+fn path_on_map(recording: &Recording, map_from_sector: &Similarity) -> Vec<[f64; 2]> {
+    let trajectory = recording.trajectory.iter();
+    let poses = trajectory.flat_map(|trajectory| trajectory.usable());
+    let positions = poses.map(|pose| map_from_sector.apply(pose.world_from_rig.translation_m()));
+    positions.map(|[x, y, _]| [x, y]).collect()
 }
 
 /// Predicts the PSNR of images by what the training saw.

@@ -18,9 +18,11 @@ pub(crate) struct PathPosition {
 
 /// Points of a path are at least this far apart, m: shorter pieces carry the sway of a walk.
 const MIN_SPACING_M: f64 = 0.1;
-/// How far behind and ahead of the position before it the nearest point is looked for, m. Paths
-/// that cross or return to themselves are followed in their order.
+/// How far behind and ahead of the position before it the nearest point is searched, m. Paths that
+/// cross or return to themselves are followed in their order.
 const WINDOW_M: [f64; 2] = [0.5, 1.5];
+/// How far the window reaches beyond the longest step, m.
+const BEYOND_STEP_M: f64 = 0.5;
 
 impl Path {
     /// A path through points of which near ones are left out; the first and last remain.
@@ -77,9 +79,15 @@ impl Path {
         self.nearest_within(at_m, [0.0, self.length_m()])
     }
 
-    /// The nearest position around a known one.
-    pub(crate) fn follow(&self, at_m: [f64; 3], along_m: f64) -> Option<PathPosition> {
-        self.nearest_within(at_m, [along_m - WINDOW_M[0], along_m + WINDOW_M[1]])
+    /// The nearest position around a known one, after a step of at most a length, m.
+    pub(crate) fn follow(
+        &self,
+        at_m: [f64; 3],
+        along_m: f64,
+        max_step_m: f64,
+    ) -> Option<PathPosition> {
+        let [behind_m, ahead_m] = WINDOW_M.map(|window_m| window_m.max(max_step_m + BEYOND_STEP_M));
+        self.nearest_within(at_m, [along_m - behind_m, along_m + ahead_m])
     }
 
     /// The nearest position between two lengths.

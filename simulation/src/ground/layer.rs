@@ -321,6 +321,11 @@ impl Layer {
         &self.grid
     }
 
+    /// Height of a cell, m; NaN where none is known.
+    pub(crate) fn height_of_cell_m(&self, index: usize) -> f32 {
+        self.heights_m[index]
+    }
+
     /// Height of a cell where the agent's center can be, m.
     pub(crate) fn walkable_m(&self, index: usize) -> Option<f32> {
         let cell = &self.cells[index];

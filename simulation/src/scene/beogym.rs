@@ -10,6 +10,7 @@
 //! own graph say the same in a form that lost its direction.
 
 mod cloud;
+mod doubts;
 mod maps;
 mod numbers;
 mod sequence;
@@ -65,6 +66,7 @@ pub(super) fn open(folder: &Path, config: &BeogymConfig) -> Result<SceneData, Si
     let folder = folder.as_path();
     let mut missing = Vec::new();
     let mut parts = Vec::new();
+    let mut transforms = Vec::new();
     // The same file as two sectors shows one place as two.
     let mut hashes: BTreeMap<[u8; 32], String> = BTreeMap::new();
     for name in sector_names(folder)? {
@@ -100,6 +102,7 @@ pub(super) fn open(folder: &Path, config: &BeogymConfig) -> Result<SceneData, Si
                 Vec::new()
             }
         };
+        transforms.push(lidar_from_sector);
         parts.push((name, gaussians, references));
     }
     let map = [folder, folder.parent().unwrap_or(folder)].map(|of| of.join("surfaceMap.pcd"));
@@ -134,6 +137,7 @@ pub(super) fn open(folder: &Path, config: &BeogymConfig) -> Result<SceneData, Si
             edges: Vec::new(),
         });
     }
+    missing.extend(doubts::doubts(folder, &sectors, &transforms));
     connect(&mut sectors);
     let name = folder.file_name().map_or_else(
         || "beogym".to_owned(),

@@ -4,6 +4,7 @@ use super::crossing::config::CrossingConfig;
 use super::graph::{self, GraphConfig};
 use super::hash;
 use super::sector::Sector;
+use super::similarity::Similarity;
 use crate::error::SimulationError;
 
 /// A scene.
@@ -11,12 +12,11 @@ use crate::error::SimulationError;
 pub struct SceneData {
     /// Its name, for messages.
     pub name: String,
-    /// Its sectors, at least one.
+    /// Its sectors, at least one. A scene of other ones is made by [`SceneData::new`], which
+    /// checks and hashes them.
     pub sectors: Vec<Sector>,
-    /// Hash of everything in it. Snapshots belong to a scene by it.
-    pub hash: [u8; 32],
-    /// When an agent changes its sector.
-    pub crossing: CrossingConfig,
+    hash: [u8; 32],
+    pub(super) crossing: CrossingConfig,
     pub(super) missing: Vec<Missing>,
 }
 
@@ -42,6 +42,12 @@ impl SceneData {
         Self::with_hash(name, sectors, hash, Vec::new())
     }
 
+    /// Takes points of each sector to the frame of the first sector that edges connect it with,
+    /// along a spanning tree of the edges: the index of that sector, and the transform.
+    pub fn roots_from_sectors(&self) -> Vec<(usize, Similarity)> {
+        graph::spanning_tree(&self.sectors)
+    }
+
     pub(super) fn with_hash(
         name: &str,
         sectors: Vec<Sector>,
@@ -56,6 +62,11 @@ impl SceneData {
             crossing: CrossingConfig::default(),
             missing,
         })
+    }
+
+    /// Hash of everything in it. Snapshots belong to a scene by it.
+    pub fn hash(&self) -> &[u8; 32] {
+        &self.hash
     }
 
     /// What is missing, and which features that costs.

@@ -52,7 +52,7 @@ pub(super) fn open(path: &Path, config: &BundleConfig) -> Result<SceneData, Simu
                 return Err(wrong(found, "either a bundle or a folder of Beogym"));
             }
         };
-        hasher.update(&part.hash);
+        hasher.update(part.hash());
         let first = sectors.len();
         let area = entry.area(part.sectors.len()).map_err(|found| {
             let expected = "both corners in order, for a recording of one sector";
@@ -80,10 +80,12 @@ pub(super) fn open(path: &Path, config: &BundleConfig) -> Result<SceneData, Simu
     for entry in &file.edges {
         let [from, to] = [index(&entry.from)?, index(&entry.to)?];
         let overlap = Area::new(entry.overlap_min_m, entry.overlap_max_m);
-        let is_residual = entry.residual_m.is_none_or(|residual_m| residual_m >= 0.0);
-        if !(is_residual && overlap.min_m <= overlap.max_m) {
-            let found = format!("edge from {} to {}", entry.from, entry.to);
-            return Err(wrong(found, "corners in order and a residual of 0 or more"));
+        if (0..2).any(|k| overlap.min_m[k] > overlap.max_m[k]) {
+            let found = format!(
+                "edge from {} to {} with an overlap from {:?} to {:?}",
+                entry.from, entry.to, overlap.min_m, overlap.max_m
+            );
+            return Err(wrong(found, "corners in order"));
         }
         let edge = SectorEdge {
             to,

@@ -23,6 +23,12 @@ config! {
         pub max_gap_deg: f64 = 0.2,
         /// Largest relative error of the scale of a cycle: a centimetre over 10 m.
         pub max_scale_gap: f64 = 1e-3,
+        /// Largest root mean square residual of the alignment of an edge, m. Walks align to a few
+        /// centimetres; 10 cm is half of the step that an agent can take.
+        pub max_residual_m: f64 = 0.1,
+        /// Largest difference from 1 of the scale between two metric recordings, which bundles are.
+        /// Stereo depth of a calibrated rig is within 1 % of the truth, on both sides.
+        pub max_metric_scale_error: f64 = 0.02,
     }
 }
 
@@ -45,7 +51,7 @@ pub(super) fn check(sectors: &[Sector], config: &GraphConfig) -> Result<(), Simu
             return Err(wrong(place, found, "a name of its own".to_owned()));
         }
         for edge in &sector.edges {
-            check_edge(sectors, number, edge)?;
+            check_edge(sectors, number, edge, config)?;
         }
     }
     for (number, edge, gap) in cycles(sectors) {
@@ -73,24 +79,47 @@ fn edge_name(sectors: &[Sector], from: usize, edge: &SectorEdge) -> String {
     format!("edge from {} to {}", name(from), name(edge.to))
 }
 
-fn check_edge(sectors: &[Sector], from: usize, edge: &SectorEdge) -> Result<(), SimulationError> {
+fn check_edge(
+    sectors: &[Sector],
+    from: usize,
+    edge: &SectorEdge,
+    config: &GraphConfig,
+) -> Result<(), SimulationError> {
+    let is_metric = |sector: &Sector| sector.recording.bundle.is_some();
+    let scale = edge.to_from_here.scale();
+    let max_scale_error = config.max_metric_scale_error;
+    let residual_m = edge.residual_m.unwrap_or(0.0);
     let (found, expected) = if edge.to >= sectors.len() {
         let found = format!("sector {} of {}", edge.to, sectors.len());
-        (found, "a sector of the scene")
+        (found, "a sector of the scene".to_owned())
     } else if edge.to == from {
-        ("an edge to itself".to_owned(), "another sector")
+        ("an edge to itself".to_owned(), "another sector".to_owned())
     } else if !edge.is_imported && !edge.to_from_here.is_rigid() {
-        let found = format!("a scale of {}", edge.to_from_here.scale());
-        (found, "1, inside of a recording")
+        (
+            format!("a scale of {scale}"),
+            "1, inside of a recording".to_owned(),
+        )
+    } else if is_metric(&sectors[from])
+        && is_metric(&sectors[edge.to])
+        && (scale - 1.0).abs() > max_scale_error + ROUNDING
+    {
+        let expected = format!("1 within {max_scale_error}, between two metric recordings");
+        (format!("a scale of {scale}"), expected)
+    } else if !(0.0..=config.max_residual_m).contains(&residual_m) {
+        let expected = format!("0 to {} m", config.max_residual_m);
+        (format!("a residual of {residual_m} m"), expected)
     } else {
         return Ok(());
     };
     Err(SimulationError::Scene {
         place: edge_name(sectors, from, edge),
         found,
-        expected: expected.to_owned(),
+        expected,
     })
 }
+
+/// Of limits that are written with two digits.
+const ROUNDING: f64 = 1e-9;
 
 /// By how much a cycle misses its begin.
 #[derive(Clone, Copy, Debug)]
@@ -108,48 +137,52 @@ impl Gap {
     }
 }
 
-/// The gap between each edge and the path along a spanning tree; none for edges of the tree.
-pub(super) fn cycles(sectors: &[Sector]) -> Vec<(usize, &SectorEdge, Gap)> {
-    let mut roots_from: Vec<Option<Similarity>> = vec![None; sectors.len()];
-    // Edges of both directions, each as a way from its sector.
-    let mut ways: Vec<Vec<(usize, Similarity)>> = vec![Vec::new(); sectors.len()];
+/// Poses of sectors along a spanning tree, each in the frame of the first sector that edges connect
+/// it with: the index of that sector, and the transform.
+pub(super) fn spanning_tree(sectors: &[Sector]) -> Vec<(usize, Similarity)> {
+    let mut roots_from: Vec<Option<(usize, Similarity)>> = vec![None; sectors.len()];
+    // Edges of both directions, each from its sector.
+    let mut outgoing: Vec<Vec<(usize, Similarity)>> = vec![Vec::new(); sectors.len()];
     for (from, sector) in sectors.iter().enumerate() {
         for edge in &sector.edges {
-            ways[from].push((edge.to, edge.to_from_here));
-            ways[edge.to].push((from, edge.to_from_here.inverse()));
+            outgoing[from].push((edge.to, edge.to_from_here));
+            outgoing[edge.to].push((from, edge.to_from_here.inverse()));
         }
     }
     for root in 0..sectors.len() {
         if roots_from[root].is_some() {
             continue;
         }
-        roots_from[root] = Some(Similarity::identity());
+        roots_from[root] = Some((root, Similarity::identity()));
         let mut open = VecDeque::from([(root, Similarity::identity())]);
         while let Some((here, root_from_here)) = open.pop_front() {
-            for (to, to_from_here) in &ways[here] {
+            for (to, to_from_here) in &outgoing[here] {
                 if roots_from[*to].is_none() {
                     let root_from_to = root_from_here.compose(&to_from_here.inverse());
-                    roots_from[*to] = Some(root_from_to);
+                    roots_from[*to] = Some((root, root_from_to));
                     open.push_back((*to, root_from_to));
                 }
             }
         }
     }
-    let mut all = Vec::new();
-    for (from, sector) in sectors.iter().enumerate() {
-        for edge in &sector.edges {
-            if let (Some(root_from_here), Some(root_from_to)) =
-                (roots_from[from], roots_from[edge.to])
-            {
-                let tree = root_from_to.inverse().compose(&root_from_here);
-                all.push((from, edge, gap(edge, &tree)));
-            }
-        }
-    }
-    all
+    roots_from.into_iter().flatten().collect()
 }
 
-/// The difference between an edge and another way to its sector, at the overlap.
+/// The gap between each edge and the path along a spanning tree; none for edges of the tree.
+pub(super) fn cycles(sectors: &[Sector]) -> Vec<(usize, &SectorEdge, Gap)> {
+    let tree = spanning_tree(sectors);
+    let edges = sectors.iter().enumerate();
+    let edges = edges.flat_map(|(from, sector)| sector.edges.iter().map(move |edge| (from, edge)));
+    edges
+        .map(|(from, edge)| {
+            let [(_, root_from_here), (_, root_from_to)] = [tree[from], tree[edge.to]];
+            let by_tree = root_from_to.inverse().compose(&root_from_here);
+            (from, edge, gap(edge, &by_tree))
+        })
+        .collect()
+}
+
+/// The difference between an edge and another path to its sector, at the overlap.
 fn gap(edge: &SectorEdge, other: &Similarity) -> Gap {
     let [x, y] = edge.overlap.center_m();
     let heights = edge.overlap.height_m;

@@ -6,7 +6,8 @@ use bytes::{floats, numbers, text};
 
 use super::sector::Sector;
 
-/// Hash of what agents and images depend on: levels, Gaussians, reference poses, areas and edges.
+/// Hash of what agents and images depend on: levels, Gaussians, reference poses, the recorded walk,
+/// areas and edges.
 pub(super) fn of_sectors(sectors: &[Sector]) -> [u8; 32] {
     let mut hasher = blake3::Hasher::new();
     for sector in sectors {
@@ -29,6 +30,13 @@ pub(super) fn of_sectors(sectors: &[Sector]) -> [u8; 32] {
         for pose in sector.references.iter() {
             numbers(&mut hasher, &pose.rotation_wxyz());
             numbers(&mut hasher, &pose.translation_m());
+        }
+        let trajectory = sector.recording.trajectory.iter();
+        for pose in trajectory.flat_map(|trajectory| trajectory.poses()) {
+            hasher.update(&pose.time_ns.to_le_bytes());
+            hasher.update(&[pose.status.code()]);
+            numbers(&mut hasher, &pose.world_from_rig.rotation_wxyz());
+            numbers(&mut hasher, &pose.world_from_rig.translation_m());
         }
         if let Some(gaussians) = &sector.gaussians {
             gaussians.hash(&mut hasher);

@@ -87,7 +87,7 @@ fn write_all(
 ) -> Result<(), String> {
     let provenance = Provenance {
         session_id: format!("beogym {}", scene.name),
-        handoff_blake3: blake3::Hash::from_bytes(scene.hash).to_hex().to_string(),
+        handoff_blake3: blake3::Hash::from_bytes(*scene.hash()).to_hex().to_string(),
         judgement: None,
         rig: RigRevision {
             name: "beogym".to_owned(),

@@ -94,6 +94,20 @@ impl GaussianStore {
         resident.map(|(sector, _)| *sector).collect()
     }
 
+    /// Gaussians of all sectors that images from places show, by sector: [`Self::update`], then what
+    /// it requires. Callers on several threads do not count for the budget of each other.
+    ///
+    /// # Errors
+    /// As [`Self::update`] and [`Self::content`].
+    pub(crate) fn contents(
+        &self,
+        places: &[(usize, [f64; 3])],
+    ) -> Result<BTreeMap<usize, Arc<SectorGaussians>>, SimulationError> {
+        let required = self.require(places)?;
+        let content = |sector: &usize| Ok((*sector, self.content_beside(*sector, &required)?));
+        required.iter().map(content).collect()
+    }
+
     /// States where agents and cameras are, each a sector and a position in its frame, m: their
     /// sectors must stay in memory together, those beyond near borders are loaded ahead. Costs no
     /// wait.
@@ -103,6 +117,11 @@ impl GaussianStore {
     /// [`SimulationError::Setting`] for an unknown sector, [`SimulationError::State`] in a child
     /// process of the one that used the store first. The store is then as before.
     pub fn update(&self, places: &[(usize, [f64; 3])]) -> Result<(), SimulationError> {
+        self.require(places).map(drop)
+    }
+
+    /// Sectors that images from places show, in order.
+    fn require(&self, places: &[(usize, [f64; 3])]) -> Result<Vec<usize>, SimulationError> {
         self.check_process()?;
         let scene = &self.shared.scene;
         let mut required: Vec<usize> = Vec::new();
@@ -136,14 +155,14 @@ impl GaussianStore {
             self.start()?;
         }
         let mut state = self.shared.lock();
-        state.required = required;
+        state.required.clone_from(&required);
         state.wishes = ahead.iter().rev().copied().collect();
         state.ahead = ahead;
         drop(state);
         if has_wishes {
             self.shared.changed.notify_all();
         }
-        Ok(())
+        Ok(required)
     }
 
     /// Gaussians of a sector. Waits for them, or loads them in the calling thread.
@@ -155,6 +174,16 @@ impl GaussianStore {
     /// [`SimulationError::State`] as for `update`.
     pub fn content(&self, sector: usize) -> Result<Arc<SectorGaussians>, SimulationError> {
         self.check_process()?;
+        let required = self.shared.lock().required.clone();
+        self.content_beside(sector, &required)
+    }
+
+    /// Gaussians of a sector, within the budget beside others.
+    fn content_beside(
+        &self,
+        sector: usize,
+        required: &[usize],
+    ) -> Result<Arc<SectorGaussians>, SimulationError> {
         self.check(sector)?;
         let mut state = self.shared.lock();
         loop {
@@ -176,7 +205,7 @@ impl GaussianStore {
                 None => break,
             }
         }
-        let mut needed = state.required.clone();
+        let mut needed = required.to_vec();
         needed.push(sector);
         needed.sort_unstable();
         needed.dedup();

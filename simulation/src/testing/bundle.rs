@@ -6,8 +6,8 @@ use ::splats::Coverage;
 use cad_transforms::RigidTransform;
 use scene_bundle::outputs::rig::{RigCamera, RigModel};
 use scene_bundle::outputs::splats::{
-    SplatBackground, SplatContent, SplatCoverage, SplatCoverageContent, SplatObserved, SplatScene,
-    SplatSector, SplatSpaceBlock, SplatTraining,
+    SplatBackground, SplatContent, SplatCoverage, SplatCoverageContent, SplatObservation,
+    SplatScene, SplatSector, SplatSpaceBlock, SplatTraining,
 };
 use scene_bundle::outputs::{self, contacts, maps, rig, splats, trajectory};
 use scene_bundle::{Bundle, BundleError, Draft, Provenance, Record, RigRevision};
@@ -111,7 +111,7 @@ fn record_of(source: &GaussianSource, coverage: Option<&Coverage>) -> SplatScene
 }
 
 fn content_of(coverage: &Coverage) -> SplatCoverageContent {
-    let gaussians = coverage.gaussians().iter().map(|seen| SplatObserved {
+    let gaussians = coverage.gaussians().iter().map(|seen| SplatObservation {
         instants: seen.instants,
         directions: seen.directions.0,
         finest_m: seen.finest_m,

@@ -33,8 +33,6 @@ pub(crate) struct Layout {
 
 /// Edges and bumps under the agent end no ray up to here, m: it stands on them already.
 const RAY_BEGIN_M: f64 = 0.15;
-/// Points of a ray at most.
-const MAX_RAY_POINTS: usize = 64;
 
 impl Layout {
     pub(crate) fn new(config: &WorldConfig) -> Self {
@@ -139,24 +137,21 @@ impl Layout {
         }
     }
 
-    /// Length of a ray up to where the ground has no clearance: sphere tracing of the distance to
-    /// edges, obstacles and unknown cells.
+    /// Length of a ray up to where the ground has no clearance, at most the longest: sphere tracing
+    /// of the distance to edges, obstacles and unknown cells, in steps of at least a cell.
     fn ray_m(&self, ground: &Ground, from: [f64; 2], level: usize, direction: [f64; 2]) -> f64 {
         let layer = &ground.layers()[level];
         let least_step_m = layer.grid().cell_m;
         let mut length_m = 0.0;
-        for _ in 0..MAX_RAY_POINTS {
+        while length_m < self.max_ray_m {
             let at = [0, 1].map(|k| from[k] + length_m * direction[k]);
             let clearance_m = layer.clearance_m(at);
             if clearance_m <= 0.0 && length_m >= RAY_BEGIN_M {
-                break;
+                return length_m;
             }
             length_m += clearance_m.max(least_step_m);
-            if length_m >= self.max_ray_m {
-                return self.max_ray_m;
-            }
         }
-        length_m
+        self.max_ray_m
     }
 }
 

@@ -5,8 +5,11 @@ use crate::SimulationError;
 use crate::agent::AgentState;
 
 impl World {
-    /// Puts the agent of an environment somewhere, as physics outside of this world does. A state
-    /// that is not finite is not taken over: the next step ends the episode with
+    /// Puts the agent of an environment somewhere, as physics outside of this world does before a
+    /// step of [`Drive::Free`](crate::Drive::Free): the other drives put the agent on the ground
+    /// in the next step. Frames with a [`WorldConfig::timing`](crate::WorldConfig::timing) follow
+    /// in that step, too. A state that is not [valid](AgentState::is_valid) is not taken over: the
+    /// next step ends the episode with
     /// [`EndReason::PhysicsFault`](crate::EndReason::PhysicsFault).
     ///
     /// # Errors
@@ -37,7 +40,7 @@ impl World {
                 "environment {environment} has no running episode to place an agent in"
             )));
         }
-        if !state.is_finite() {
+        if !state.is_valid() {
             self.environments.episode[environment].is_faulty = true;
             return Ok(());
         }
@@ -60,10 +63,19 @@ impl World {
     /// [`Self::step`] alone.
     ///
     /// # Errors
-    /// [`SimulationError::Scene`] for a sector without a trajectory; those of [`Self::place`].
+    /// [`SimulationError::Scene`] for a sector without a trajectory; [`SimulationError::Setting`]
+    /// with a [`WorldConfig::timing`](crate::WorldConfig::timing), whose frames only steps
+    /// capture; those of [`Self::place`].
     pub fn play(&mut self, environment: usize, time_ns: i64) -> Result<bool, SimulationError> {
         self.check_index(environment)?;
         let shared = &self.shared;
+        if !shared.config.timing.is_immediate() {
+            return Err(SimulationError::Setting {
+                name: "play".to_owned(),
+                found: format!("{:?}", shared.config.timing),
+                expected: "no timing of frames: a recorded pose is seen at once".to_owned(),
+            });
+        }
         let from = self.environments.sector[environment];
         let terrain = &shared.terrains[from as usize];
         let wearer = terrain

@@ -38,7 +38,8 @@ pub(super) fn pursue(
         }
         Target::Path { along_m } => {
             let length_m = terrain.path.length_m();
-            match terrain.path.follow(state.position_m, *along_m) {
+            let max_step_m = config.agent.max_speed_m_s * episode.parameters.speed_scale * dt_s;
+            match terrain.path.follow(state.position_m, *along_m, max_step_m) {
                 None => false,
                 Some(position) => {
                     *along_m = position.along_m;

@@ -8,7 +8,7 @@ use super::config::WorldConfig;
 use super::observation::Layout;
 use super::terrain::{Terrain, terrains};
 use crate::SimulationError;
-use crate::agent::AgentState;
+use crate::agent::{self, AgentState};
 use crate::camera::nanoseconds;
 use crate::episode::start::candidates::Candidates;
 use crate::episode::task::goals::Goal;
@@ -83,7 +83,9 @@ impl Shared {
     }
 
     /// The edges over which an agent leaves its sector, if it does: the sector and state after
-    /// them. A position that is given is carried along.
+    /// them. A position that is given is carried along. An agent that cannot be on the ground of
+    /// another recording stays in its sector, whose ground it stands on: what the other one does
+    /// not know, or shows at another height, is no place to put it.
     pub(crate) fn cross(
         &self,
         from: u32,
@@ -111,17 +113,9 @@ impl Shared {
         if to.frame == self.terrains[from as usize].frame {
             return Some((sector as u32, *state));
         }
+        let WorldConfig { agent, drive, .. } = &self.config;
+        let state = agent::enter(&to.ground, agent, *drive, state, &sector_from_body)?;
         *carried_m = moved_m;
-        let [x, y, z] = sector_from_body.translation_m();
-        let [forward_x, forward_y, _] = sector_from_body.rotate([1.0, 0.0, 0.0]);
-        let surface = to.ground.surface([x, y], z);
-        let state = AgentState {
-            position_m: [x, y, surface.map_or(z, |surface| surface.height_m)],
-            yaw_rad: libm::atan2(forward_y, forward_x),
-            level: surface.map_or(0, |surface| surface.level),
-            is_on_ground: surface.is_some(),
-            ..*state
-        };
         Some((sector as u32, state))
     }
 }

@@ -5,6 +5,7 @@ use crate::agent::Drive;
 use crate::episode::{EndConfig, EndReason, StartMode, TaskConfig};
 use crate::testing::SyntheticScene;
 
+mod crossing;
 mod ends;
 mod randomization;
 mod starts;

@@ -146,7 +146,7 @@ fn own_devices_come_before_known_ones() {
 }
 
 #[test]
-fn mistakes_are_all_told_with_lines() {
+fn mistakes_are_all_reported_with_lines() {
     let cad = read_bytes(STEP, Format::Step).unwrap();
     let text = MAP
         .replace("\"left_mount/zed_x_mini\"", "\"zed_x_mini\"")

@@ -14,7 +14,7 @@ use crate::transform::RigidTransform;
 const SCALE_TOLERANCE: f64 = 1e-9;
 
 /// A shape placed in another.
-pub(super) struct Mapped {
+pub(super) struct MappedItem {
     pub(super) item: u64,
     pub(super) name: String,
     /// The shape that is placed.
@@ -209,7 +209,7 @@ pub(super) fn mapped_item(
     units: &Units<'_, '_>,
     instance: &Instance,
     parent: u64,
-) -> Result<Mapped, Fault> {
+) -> Result<MappedItem, Fault> {
     let item = Fields::of(exchange, instance.id, "MAPPED_ITEM")?;
     let (map, target) = (item.reference(1)?, item.reference(2)?);
     let map = Fields::of(exchange, map, "REPRESENTATION_MAP")?;
@@ -227,7 +227,7 @@ pub(super) fn mapped_item(
         [only] => Fields::new(&shape_instance, only).text(0)?,
         _ => String::new(),
     };
-    Ok(Mapped {
+    Ok(MappedItem {
         item: instance.id,
         name: step_of_path(&item.text(0)?),
         shape,

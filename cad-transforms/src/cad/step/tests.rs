@@ -2,7 +2,7 @@ use super::*;
 use crate::cad::{Format, read_bytes};
 
 /// What CadQuery reports for the files in `tests/data`: path, rotation rows, origin in mm.
-type Placed = (&'static str, [f64; 9], [f64; 3]);
+type ExpectedPlacement = (&'static str, [f64; 9], [f64; 3]);
 
 #[test]
 fn placements_are_those_the_cad_program_reports() {
@@ -13,7 +13,7 @@ fn placements_are_those_the_cad_program_reports() {
         0.258_819_045_102_520_76,
     );
     let (c80, s80) = (0.173_648_177_666_930_3, 0.984_807_753_012_208);
-    let expected: [Placed; 6] = [
+    let expected: [ExpectedPlacement; 6] = [
         ("plate", [1., 0., 0., 0., 1., 0., 0., 0., 1.], [0., 0., 0.]),
         (
             "plate/left_mount",

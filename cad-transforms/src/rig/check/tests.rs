@@ -195,7 +195,7 @@ fn serials_and_strangers() {
 }
 
 #[test]
-fn unreadable_and_senseless_are_told_together() {
+fn unreadable_and_senseless_are_reported_together() {
     let text = EXAMPLE
         .replace("revision = \"nominal-1\"", "")
         .replacen(

@@ -69,7 +69,7 @@ fn what_is_written_reads_back_to_the_bit() {
 }
 
 #[test]
-fn covariances_add_up_along_the_way() {
+fn covariances_add_up_along_the_chain() {
     let rig = Rig::parse(&full(0.0)).unwrap();
     let of = |b: &str, a: &str| rig.covariance(&frame(b), &frame(a)).unwrap();
     let stored = rig.edges()[0].covariance.unwrap();
@@ -157,7 +157,7 @@ fn writing_keeps_what_is_there() {
 }
 
 #[test]
-fn mistakes_in_optional_keys_are_all_told() {
+fn mistakes_in_optional_keys_are_all_reported() {
     let text = full(0.0)
         .replace("cad_blake3 = \"0a", "cad_blake3 = \"xy")
         .replace("SN-7", "12345678")

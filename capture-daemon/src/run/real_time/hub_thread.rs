@@ -11,7 +11,7 @@ use super::waiting::{POLL_TIMEOUT, span};
 use crate::clock::Clock as _;
 use crate::encode::RemainingFrames;
 use crate::hub::{Hub, Out, Outgoing, TICK_NS};
-use crate::queue::Popped;
+use crate::queue::PopResult;
 
 pub(super) fn run_hub(mut hub: Hub, sources: usize, shared: &Shared) {
     let mut running = sources;
@@ -37,9 +37,9 @@ pub(super) fn run_hub(mut hub: Hub, sources: usize, shared: &Shared) {
             }
         }
         match popped {
-            Popped::Item(HubInput::Sample(i, sample)) => hub.sample(i, sample, now),
-            Popped::Item(HubInput::Dropped(i, number, at)) => hub.dropped(i, number, at, now),
-            Popped::Item(HubInput::Ended(i, failure)) => {
+            PopResult::Item(HubInput::Sample(i, sample)) => hub.sample(i, sample, now),
+            PopResult::Item(HubInput::Dropped(i, number, at)) => hub.dropped(i, number, at, now),
+            PopResult::Item(HubInput::Ended(i, failure)) => {
                 if let Some(error) = failure {
                     hub.source_failed(i, &error, now);
                     shared.outcome.source_failed(error);
@@ -47,8 +47,8 @@ pub(super) fn run_hub(mut hub: Hub, sources: usize, shared: &Shared) {
                 running -= 1;
                 draining = running == 0;
             }
-            Popped::Nothing => {}
-            Popped::Closed => break,
+            PopResult::Nothing => {}
+            PopResult::Closed => break,
         }
         if now >= next_tick {
             hub.set_inbox_fill(shared.inbox.bytes() as f64 / INBOX_CAPACITY_BYTES as f64);

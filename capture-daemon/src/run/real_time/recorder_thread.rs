@@ -9,7 +9,7 @@ use session_archive::time::HostTime;
 use super::shared::{Shared, ToRecorder};
 use super::waiting::{POLL_TIMEOUT, span};
 use crate::clock::Clock as _;
-use crate::queue::Popped;
+use crate::queue::PopResult;
 use crate::recorder::Recorder;
 use crate::status::{Request, Response, State};
 
@@ -36,8 +36,8 @@ pub(super) fn run_recorder(mut recorder: Recorder, shared: &Shared) {
         let popped = shared.outbox.pop(timeout);
         shared.beat(&shared.recorder_beat);
         match popped {
-            Popped::Item(ToRecorder::Item(item)) => recorder.handle(item),
-            Popped::Item(ToRecorder::Request(request, source, reply)) => {
+            PopResult::Item(ToRecorder::Item(item)) => recorder.handle(item),
+            PopResult::Item(ToRecorder::Request(request, source, reply)) => {
                 let is_stop = request == Request::Stop;
                 if matches!(request, Request::Start { .. }) {
                     // Before there is a folder that could be taken for an ended session.
@@ -51,8 +51,8 @@ pub(super) fn run_recorder(mut recorder: Recorder, shared: &Shared) {
                     let _ = reply.try_send(answer);
                 }
             }
-            Popped::Nothing => {}
-            Popped::Closed => break,
+            PopResult::Nothing => {}
+            PopResult::Closed => break,
         }
         recorder.tick();
         if recorder.state() != State::Stopping {

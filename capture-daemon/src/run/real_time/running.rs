@@ -16,7 +16,7 @@ use crate::clock::{Clock as _, RealClock};
 use crate::encoding::Encoding;
 use crate::hub::Hub;
 use crate::recorder::{OnProgress, Queues, Recorder};
-use crate::run::build::Built;
+use crate::run::build::RunParts;
 use crate::run::outcome::Outcome;
 use crate::run::store::FolderStore;
 use crate::status::{Request, Response};
@@ -38,7 +38,7 @@ pub(in crate::run) struct Running {
 
 impl Running {
     pub(super) fn start(
-        build: impl FnOnce(HostTime) -> anyhow::Result<Built>,
+        build: impl FnOnce(HostTime) -> anyhow::Result<RunParts>,
         out: PathBuf,
         record: Option<String>,
         mut on_progress: OnProgress,
@@ -47,7 +47,7 @@ impl Running {
         let clock = Arc::new(RealClock);
         let mut built = build(clock.now())?;
         built.begin_at(clock.now() + REPLAY_LEAD_NS)?;
-        let Built {
+        let RunParts {
             sources,
             cameras,
             setup,

@@ -17,7 +17,7 @@ use super::*;
 use crate::control;
 use crate::encoding::Encoding;
 use crate::hub::{CameraSetup, FINISH_LIMIT, Hub, Out, Outgoing};
-use crate::queue::Popped;
+use crate::queue::PopResult;
 use crate::recorder::MAX_STOP_NS;
 use crate::sources::{RawFrame, Sample};
 use crate::sync::clock::ClockConfig;
@@ -175,11 +175,11 @@ fn key_frame_is_requested_until_one_is_delivered() {
     assert!(frame(1, false));
     assert!(!frame(2, false), "it was requested");
     assert!(frame(3, true), "it did not fit");
-    while let Popped::Item(_) = shared.outbox.pop(Duration::ZERO) {}
+    while let PopResult::Item(_) = shared.outbox.pop(Duration::ZERO) {}
     assert!(!frame(4, false), "no reference frame, and requested");
     assert!(!frame(5, true));
     let mut numbers = Vec::new();
-    while let Popped::Item(item) = shared.outbox.pop(Duration::ZERO) {
+    while let PopResult::Item(item) = shared.outbox.pop(Duration::ZERO) {
         match item {
             ToRecorder::Item(Outgoing::Frame { frame, .. }) => numbers.push(Ok(frame.number)),
             ToRecorder::Item(Outgoing::Dropped { first, .. }) => numbers.push(Err(first)),

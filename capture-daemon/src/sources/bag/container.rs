@@ -51,7 +51,7 @@ pub(super) struct Container {
 
 /// Result of the scan, besides messages.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(super) struct Scanned {
+pub(super) struct ScanResult {
     /// Number of chunks with a wrong checksum or that cannot be unpacked.
     pub(super) damaged: u64,
     /// Byte at which the file ends or becomes invalid.
@@ -101,8 +101,8 @@ impl Container {
     pub(super) fn scan(
         &mut self,
         mut each: impl FnMut(&Topic, &Message<'_>, RecordLocation),
-    ) -> Result<Scanned, BagError> {
-        let mut scanned = Scanned::default();
+    ) -> Result<ScanResult, BagError> {
+        let mut scanned = ScanResult::default();
         let mut schemas: HashMap<u16, String> = HashMap::new();
         let mut topics: HashMap<u16, Topic> = HashMap::new();
         let mut take = |record: Record<'_>, location: RecordLocation| match record {

@@ -9,7 +9,7 @@ use super::error::BagError;
 use super::messages::Imu;
 use super::scan::{IndexedMessage, Stream};
 use super::topics::TopicSelection;
-use crate::sources::pairing::{ImagePairer, Paired, TimedImage, alone, limit_ns};
+use crate::sources::pairing::{ImagePairer, PairingOutput, TimedImage, alone, limit_ns};
 
 /// A century, ns: bound that makes differences of times safe.
 const CENTURY_NS: i64 = 100 * 365 * 86_400 * 1_000_000_000;
@@ -18,7 +18,7 @@ const CENTURY_NS: i64 = 100 * 365 * 86_400 * 1_000_000_000;
 #[derive(Debug)]
 pub(super) struct Plan {
     /// Every left image from the first frame on, in order.
-    pub(super) frames: Vec<Planned>,
+    pub(super) frames: Vec<PlannedFrame>,
     /// Every usable sample from the first frame on.
     pub(super) imu: Vec<PlannedImu>,
     pub(super) rate_hz: f64,
@@ -34,7 +34,7 @@ pub(super) struct Plan {
 
 /// A left image and its outcome.
 #[derive(Debug)]
-pub(super) struct Planned {
+pub(super) struct PlannedFrame {
     /// From 0.
     pub(super) number: u64,
     /// From the first frame, ns; the newest earlier one for an image without a time.
@@ -211,7 +211,7 @@ pub(super) fn plan(
             continue;
         };
         newest_ns = times.of[i].map_or(newest_ns, |time| time.saturating_sub(first_ns));
-        frames.push(Planned {
+        frames.push(PlannedFrame {
             number: (i - first_position) as u64,
             offset_ns: newest_ns,
             what,
@@ -272,14 +272,14 @@ fn pairs(
 
     let mut partners: Vec<Partner> = vec![None; left.messages.len()];
     let (mut later, mut without_left) = (Vec::new(), 0);
-    let mut out = |paired: Paired<usize>| match paired {
-        Paired::Both(a, b) => {
+    let mut out = |paired: PairingOutput<usize>| match paired {
+        PairingOutput::Both(a, b) => {
             let apart = b.time_ns - a.time_ns;
             later.push(apart);
             partners[a.of] = Some((b.of, apart));
         }
-        Paired::Unpaired(Eye::Right, _) => without_left += 1,
-        Paired::Unpaired(Eye::Left, _) => {}
+        PairingOutput::Unpaired(Eye::Right, _) => without_left += 1,
+        PairingOutput::Unpaired(Eye::Left, _) => {}
     };
     let mut pairs = ImagePairer::new(within_ns);
     for (time_ns, eye, of) in images {

@@ -8,7 +8,7 @@ use std::time::Duration;
 use session_archive::record::paws::gap::Cause;
 use session_archive::time::HostTime;
 use v4l2::hotplug::Watch;
-use v4l2::node::{self, FindError, Wanted};
+use v4l2::node::{self, FindError, NodeSelector};
 use v4l2::{Camera, CameraError, Fourcc, FrameInfo, Interval, Mode, Next, Stream};
 use video::raw_image::{grey_to_i420, nv12_to_i420, yuyv_to_i420};
 use video::{PixelFormat, RawImage, RawImageError};
@@ -129,7 +129,7 @@ pub(crate) fn find_node(
         } => (*vendor, *product, serial.clone()),
     };
     let nodes = node::list(Path::new("/sys"), Path::new("/dev"))?;
-    let configured = Wanted::Usb {
+    let configured = NodeSelector::Usb {
         vendor,
         product,
         serial,
@@ -408,7 +408,7 @@ fn image(config: &V4l2Config, bytes: &[u8]) -> Result<RawImage, BufferError> {
 #[cfg(test)]
 mod tests {
     use jpeg_encoder::{ColorType, Encoder};
-    use v4l2::stream::{Clock, Stamped};
+    use v4l2::stream::{Clock, TimestampSource};
 
     use super::*;
 
@@ -459,7 +459,7 @@ mod tests {
             sequence: 7,
             time_ns: 5_000_000_000,
             clock: Clock::Monotonic,
-            stamped: Stamped::StartOfExposure,
+            stamped: TimestampSource::StartOfExposure,
             bytes_used: bytes.len(),
             corrupt: false,
             short: false,

@@ -22,9 +22,9 @@ use video::raw_image::side_by_side;
 
 use super::camera;
 use crate::config::V4l2Config;
-use crate::sources::pairing::{ImagePairer, Paired, TimedImage, alone};
+use crate::sources::pairing::{ImagePairer, PairingOutput, TimedImage, alone};
 use crate::sources::{
-    DevicePart, Disconnected, DroppedFrame, FrameArrival, Notice, RawFrame, Sample, Sink,
+    DevicePart, Disconnect, DroppedFrame, FrameArrival, Notice, RawFrame, Sample, Sink,
 };
 
 /// Interval between notices about right frames without a left one, ns.
@@ -145,7 +145,7 @@ impl<'a> StereoJoiner<'a> {
         }
     }
 
-    fn disconnected(&self, eye: Eye, disconnected: Disconnected) {
+    fn disconnected(&self, eye: Eye, disconnected: Disconnect) {
         let mut state = self.lock();
         let within_ns = state.pairs.within_ns();
         state.disconnected[positions(eye)[0]] = true;
@@ -153,7 +153,7 @@ impl<'a> StereoJoiner<'a> {
         state.pairs = ImagePairer::new(within_ns);
         state.newest_ns = [None; 2];
         state.bad.clear();
-        self.sink.put(Sample::Disconnected(Disconnected {
+        self.sink.put(Sample::Disconnected(Disconnect {
             part: DevicePart::Camera,
             detail: format!("{}: {}", name(eye), disconnected.detail),
             ..disconnected
@@ -183,9 +183,9 @@ impl State {
         }
     }
 
-    fn forward(&mut self, paired: Paired<EyeFrame>, sink: &dyn Sink) {
+    fn forward(&mut self, paired: PairingOutput<EyeFrame>, sink: &dyn Sink) {
         match paired {
-            Paired::Both(left, right) => {
+            PairingOutput::Both(left, right) => {
                 let apart_ns = right.time_ns - left.time_ns;
                 let (left, right) = (left.of, right.of);
                 self.bad_before(left.number, sink);
@@ -210,11 +210,11 @@ impl State {
                     Err(error) => sink.put(lost(&left, error.to_string())),
                 }
             }
-            Paired::Unpaired(Eye::Left, left) => {
+            PairingOutput::Unpaired(Eye::Left, left) => {
                 self.bad_before(left.of.number, sink);
                 sink.put(lost(&left.of, alone(Eye::Left, self.pairs.within_ns())));
             }
-            Paired::Unpaired(Eye::Right, right) => {
+            PairingOutput::Unpaired(Eye::Right, right) => {
                 self.without_left += 1;
                 let now = right.of.host_time;
                 let reported = *self.reported.get_or_insert(now);

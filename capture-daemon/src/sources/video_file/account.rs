@@ -9,7 +9,7 @@ use video::raw_image::side_by_side;
 use video::{RawImage, RawImageError};
 
 use super::images::Image;
-use crate::sources::pairing::{ImagePairer, Paired, TimedImage, alone};
+use crate::sources::pairing::{ImagePairer, PairingOutput, TimedImage, alone};
 use crate::sources::{DevicePart, DroppedFrame, Notice, RawFrame, Sample};
 
 /// Samples to be delivered, in the order of the left file's numbers.
@@ -126,21 +126,21 @@ impl Account {
         paired.into_iter().for_each(|one| self.paired(one));
     }
 
-    pub(super) fn paired(&mut self, paired: Paired<(u64, RawImage)>) {
+    pub(super) fn paired(&mut self, paired: PairingOutput<(u64, RawImage)>) {
         match paired {
-            Paired::Both(left, right) => {
+            PairingOutput::Both(left, right) => {
                 let apart_ns = right.time_ns - left.time_ns;
                 self.apart_ns.push(apart_ns);
                 let (number, image) = left.of;
                 let joined = side_by_side(&image, &right.of.1);
                 self.frame(number, left.time_ns, Some(apart_ns), joined);
             }
-            Paired::Unpaired(Eye::Left, left) => {
+            PairingOutput::Unpaired(Eye::Left, left) => {
                 self.newest_ns = left.time_ns;
                 let why = alone(Eye::Left, self.pairs.within_ns());
                 self.lost(left.of.0, why);
             }
-            Paired::Unpaired(Eye::Right, _) => self.without_left += 1,
+            PairingOutput::Unpaired(Eye::Right, _) => self.without_left += 1,
         }
     }
 

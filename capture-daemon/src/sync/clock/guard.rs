@@ -2,7 +2,7 @@
 
 use session_archive::time::HostTime;
 
-use super::map::Mapped;
+use super::map::MappedTime;
 
 /// Keeps the mapped times of one stream strictly increasing while its map is being refined.
 ///
@@ -18,7 +18,7 @@ pub struct MonotoneGuard {
 
 impl MonotoneGuard {
     /// The mapped time of the next sample, corrected if necessary.
-    pub fn pass(&mut self, ticks: i64, mut mapped: Mapped) -> Mapped {
+    pub fn pass(&mut self, ticks: i64, mut mapped: MappedTime) -> MappedTime {
         if let Some((last_ticks, last_time)) = self.last {
             if ticks <= last_ticks {
                 return mapped;

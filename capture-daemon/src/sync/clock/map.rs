@@ -88,7 +88,7 @@ pub struct UnreliableSpan {
 
 /// A device tick on the host's clock.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Mapped {
+pub struct MappedTime {
     /// The instant.
     pub time: HostTime,
     /// One sigma, ns, of the instant that the device stamped with this tick: of the clock map, of
@@ -106,7 +106,7 @@ impl ClockMap {
     /// Increases with the tick: strictly, for ticks that are at least 2 ns apart. `None` before the
     /// first sample and for ticks beyond the range of `i64` ns. Never `flagged`: whether a tick's
     /// time is unreliable depends on its arrival, see [`ClockMap::is_unreliable`].
-    pub fn map(&self, ticks: i64) -> Option<Mapped> {
+    pub fn map(&self, ticks: i64) -> Option<MappedTime> {
         let after = self.segments.partition_point(|s| s.ticks_from <= ticks);
         let segment = self.segments.get(after.saturating_sub(1))?;
         let device_ns = self.tick.ns(ticks.checked_sub(segment.ticks_ref)?)?;
@@ -130,7 +130,7 @@ impl ClockMap {
         let sigma = statistical
             .hypot(self.latency_sigma_ns as f64)
             .hypot(granularity);
-        Some(Mapped {
+        Some(MappedTime {
             time,
             sigma_ns: sigma.ceil() as u64,
             map_version: self.version,

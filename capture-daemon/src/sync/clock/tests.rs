@@ -504,7 +504,7 @@ fn guarded_times_increase_and_large_corrections_are_flagged() {
     let (mut moved, mut flagged) = (0, 0);
     for ticks in 0..1000 {
         let refined = (random.uniform() * 4e6) as i64;
-        let mapped = Mapped {
+        let mapped = MappedTime {
             time: HostTime(ticks * 1_000_000 - refined),
             sigma_ns: 1_000_000,
             map_version: 0,
@@ -523,7 +523,7 @@ fn guarded_times_increase_and_large_corrections_are_flagged() {
         moved > 100 && flagged > 10,
         "{moved} {flagged}: the test shows nothing"
     );
-    let older = Mapped {
+    let older = MappedTime {
         time: HostTime(1),
         sigma_ns: 1,
         map_version: 1,

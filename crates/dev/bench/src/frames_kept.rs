@@ -22,7 +22,7 @@ use anyhow::{Context, Result, bail, ensure};
 use cad_transforms::rig::Rig;
 use capture_daemon::config::Config;
 use capture_daemon::run::{self, StopFlag};
-use capture_daemon::sources::simulated::Simulated;
+use capture_daemon::sources::simulated::SimulatedCamera;
 use capture_daemon::sources::walks::Walks;
 use capture_daemon::sources::{Sample, Source as _};
 use charts::{Axis, Chart, Series};
@@ -250,7 +250,8 @@ fn prepare(folder: &Path) -> Result<PathBuf> {
     let mut walks = Walks::default();
     let mut text = String::new();
     for name in CAMERAS {
-        let mut source = Simulated::open(name, &walk, None, Some(&rig), &mut walks, HostTime(0))?;
+        let mut source =
+            SimulatedCamera::open(name, &walk, None, Some(&rig), &mut walks, HostTime(0))?;
         let eyes = folder.join(name);
         for eye in ["left", "right"] {
             fs::create_dir_all(eyes.join(eye)).context("making a folder for frames")?;

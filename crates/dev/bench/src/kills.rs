@@ -15,7 +15,7 @@ use std::sync::atomic::{AtomicU32, Ordering};
 
 use anyhow::{Context as _, Result, bail};
 use charts::{Axis, Bins, Chart, Series};
-use harness::kills::{self, Killed, Plan};
+use harness::kills::{self, KillResult, Plan};
 use harness::program::pawsd;
 use serde_json::{Value, json};
 
@@ -67,7 +67,7 @@ pub(crate) fn run(args: &[String]) -> Result<()> {
         }
     });
     let (good, bad): (Vec<_>, Vec<_>) = results.into_iter().partition(Result::is_ok);
-    let killed: Vec<Killed> = good.into_iter().flatten().collect();
+    let killed: Vec<KillResult> = good.into_iter().flatten().collect();
     write(&out, &plan, &stamp, &killed, bad.len())?;
     if !bad.is_empty() {
         bail!(
@@ -79,8 +79,8 @@ pub(crate) fn run(args: &[String]) -> Result<()> {
     Ok(())
 }
 
-fn write(out: &Path, plan: &Plan, stamp: &Value, killed: &[Killed], bad: usize) -> Result<()> {
-    let sum = |of: fn(&Killed) -> u64| killed.iter().map(of).sum::<u64>();
+fn write(out: &Path, plan: &Plan, stamp: &Value, killed: &[KillResult], bad: usize) -> Result<()> {
+    let sum = |of: fn(&KillResult) -> u64| killed.iter().map(of).sum::<u64>();
     let mut lost: Vec<f64> = killed.iter().filter_map(lost_ms).collect();
     lost.sort_by(f64::total_cmp);
     let share = |part: f64| (!lost.is_empty()).then(|| quantile(&lost, part));
@@ -130,7 +130,7 @@ fn write(out: &Path, plan: &Plan, stamp: &Value, killed: &[Killed], bad: usize) 
     Ok(())
 }
 
-fn lost_ms(killed: &Killed) -> Option<f64> {
+fn lost_ms(killed: &KillResult) -> Option<f64> {
     killed.lost_ns.map(|ns| ns as f64 * 1e-6)
 }
 

@@ -161,7 +161,7 @@ fn open3d(job: Job, quick: bool) -> Result<Option<Vec<Value>>> {
         eprintln!("skipped: Open3D: {reason:#}");
         return Ok(None);
     }
-    let row = |name: &str, frames: &[DepthFrame], own: &open3d::Fused, version: &str| {
+    let row = |name: &str, frames: &[DepthFrame], own: &open3d::MeshFusion, version: &str| {
         json!({
             "walk": name,
             "keyframes": frames.len(),

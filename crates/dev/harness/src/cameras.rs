@@ -16,7 +16,7 @@ use capture_daemon::sources::{Sample, Sink, Source, SourceError, SourceInfo};
 use jpeg_encoder::{ColorType, Encoder, SamplingFactor};
 use session_archive::time::HostTime;
 use v4l2::FrameInfo;
-use v4l2::stream::{Clock, Stamped};
+use v4l2::stream::{Clock, TimestampSource};
 use video::capture::Eye;
 
 use crate::footage::Footage;
@@ -71,7 +71,7 @@ impl TwoCameras {
                     sequence: (n + [0, RIGHT_AHEAD_FRAMES][side]) as u32,
                     time_ns,
                     clock: Clock::Monotonic,
-                    stamped: Stamped::StartOfExposure,
+                    stamped: TimestampSource::StartOfExposure,
                     bytes_used: bytes.len(),
                     corrupt: false,
                     short: false,

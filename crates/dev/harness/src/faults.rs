@@ -15,7 +15,7 @@ use std::thread;
 use anyhow::{Context as _, Result, ensure};
 use cad_transforms::rig::Rig as RigFile;
 use capture_daemon::run::{StopFlag, build, record_built};
-use capture_daemon::sources::simulated::Simulated;
+use capture_daemon::sources::simulated::SimulatedCamera;
 use capture_daemon::sources::{AnySource, Source};
 use capture_daemon::sync::clock::ClockConfig;
 use rig_sim::camera::Quality;
@@ -174,7 +174,8 @@ impl Exam {
             let mut built = build(&synthetic.config(folder)?, start)?;
             for camera in 0..CAMERAS.len() {
                 let device = self.device(camera, faults);
-                let source = Simulated::of_device(&self.walk, self.position(camera), device, start);
+                let source =
+                    SimulatedCamera::of_device(&self.walk, self.position(camera), device, start);
                 let info = source.info().clone();
                 let setup = &mut built.cameras[camera];
                 setup.clock = clock(setup.clock, info.camera.tick, info.camera.tick_bits);

@@ -56,7 +56,7 @@ pub struct Plan {
 
 /// Result of one kill.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Killed {
+pub struct KillResult {
     /// Index of the kill in the plan.
     pub number: u32,
     /// Time after the recorder reported its start, or data on disk, ms.
@@ -79,7 +79,10 @@ pub struct Killed {
 }
 
 /// Runs the plan. `on_kill` is called after every kill, from several threads.
-pub fn run(plan: &Plan, on_kill: &(impl Fn(&Result<Killed>) + Sync)) -> Vec<Result<Killed>> {
+pub fn run(
+    plan: &Plan,
+    on_kill: &(impl Fn(&Result<KillResult>) + Sync),
+) -> Vec<Result<KillResult>> {
     let next = AtomicU32::new(0);
     let work = || {
         let mut done = Vec::new();
@@ -111,7 +114,7 @@ pub fn run(plan: &Plan, on_kill: &(impl Fn(&Result<Killed>) + Sync)) -> Vec<Resu
 }
 
 /// One kill with its check.
-fn kill(plan: &Plan, number: u32) -> Result<Killed> {
+fn kill(plan: &Plan, number: u32) -> Result<KillResult> {
     let (least, most) = plan.after_ms;
     let after_ms = least + random(plan.seed, number) % (most - least + 1);
     let folder = plan.folder.join(format!("kill-{number:04}"));
@@ -297,7 +300,7 @@ pub fn check(
     promise: Option<(HostTime, u64)>,
     at: HostTime,
     is_virtual: bool,
-) -> Result<Killed> {
+) -> Result<KillResult> {
     let reader = contents::open(session)?;
     let report = verify(&reader, |_| {})?;
     let cut_off = check_only_truncated(&report)?;
@@ -308,7 +311,7 @@ pub fn check(
         messages >= promised,
         "{messages} messages, promised were {promised}"
     );
-    let mut killed = Killed {
+    let mut killed = KillResult {
         number: 0,
         after_ms: 0,
         promised,

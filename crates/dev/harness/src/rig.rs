@@ -4,7 +4,7 @@ use std::path::Path;
 
 use anyhow::{Context as _, Result, ensure};
 use capture_daemon::config::Config;
-use capture_daemon::run::{Finished, RecordOptions, StopFlag, record};
+use capture_daemon::run::{RecordOptions, RecordingSummary, StopFlag, record};
 use capture_daemon::sources::synthetic::Synthetic;
 use session_archive::time::HostTime;
 
@@ -93,7 +93,7 @@ impl Rig {
     ///
     /// # Errors
     /// It cannot be recorded, or not without a failure.
-    pub fn record(&self, options: &RecordOptions) -> Result<Finished> {
+    pub fn record(&self, options: &RecordOptions) -> Result<RecordingSummary> {
         let config = self.config(&options.out)?;
         let finished = record(&config, options, &StopFlag::new(), Box::new(|_| {}))?;
         ensure!(

@@ -9,7 +9,7 @@
 //! when a limit has passed, and when it is dropped, it is killed with all processes that belong to
 //! it. A kill is also how the power is cut: what the guest's kernel still held in its page cache is
 //! lost, what it had handed to the disk is in the image. *On failure* of the script its exit code
-//! is in [`Ended`]; a guest that ends without one is an error that carries its last lines.
+//! is in [`GuestResult`]; a guest that ends without one is an error that carries its last lines.
 
 use std::collections::VecDeque;
 use std::fs::{self, File};
@@ -129,7 +129,7 @@ impl Guest {
     ///
     /// # Errors
     /// It does not start, does not end within the limit, or ends without its script's exit code.
-    pub fn run(&self, machine: &Machine, limit: Duration) -> Result<Ended> {
+    pub fn run(&self, machine: &Machine, limit: Duration) -> Result<GuestResult> {
         self.start(machine)?.finish(limit)
     }
 
@@ -216,14 +216,14 @@ pub struct Running {
 
 /// Result of a guest.
 #[derive(Clone, Debug)]
-pub struct Ended {
+pub struct GuestResult {
     /// Everything that it printed and that was not taken before.
     pub lines: Vec<String>,
     /// Its script's exit code.
     pub exit: i32,
 }
 
-impl Ended {
+impl GuestResult {
     /// Its lines, if its script ended with 0.
     ///
     /// # Errors
@@ -308,7 +308,7 @@ impl Running {
         clippy::disallowed_methods,
         reason = "a guest's limit is real time, whatever time the guest has"
     )]
-    pub fn finish(mut self, limit: Duration) -> Result<Ended> {
+    pub fn finish(mut self, limit: Duration) -> Result<GuestResult> {
         let until = Instant::now() + limit;
         let mut lines = Vec::new();
         while let Some(line) = self
@@ -319,7 +319,7 @@ impl Running {
         }
         self.kill();
         match self.exit {
-            Some(exit) => Ok(Ended { lines, exit }),
+            Some(exit) => Ok(GuestResult { lines, exit }),
             None => bail!("the guest ended without a word{}", self.last_lines()),
         }
     }

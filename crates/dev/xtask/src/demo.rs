@@ -36,10 +36,6 @@ pub(crate) fn run(install: bool, seconds: u32, folder: Option<PathBuf>) -> Resul
     let mut build = cargo()?;
     build.args(["build", "--locked"]);
     build.args(PACKAGES.map(|package| format!("--package={package}")));
-    if !process::program_folder()?.join("pawsd").exists() {
-        // What later builds would reuse costs the first one a tenth more.
-        build.env("CARGO_INCREMENTAL", "0");
-    }
     process::run(&mut build)?;
     println!("Built in {}.", human(start.elapsed()));
 

@@ -1,5 +1,5 @@
-//! `cargo xtask tidy`: words, layers, circles, sizes and widths of comments, as counts that may
-//! only fall.
+//! `cargo xtask tidy`: words, names of types, layers, circles, sizes and widths of comments, as
+//! counts that may only fall.
 //!
 //! It reads the text of the files that git lists and builds nothing, so it is the first step of
 //! `cargo xtask test`. Each count has a module, [`mod@survey`] collects them, [`ratchet`] compares
@@ -27,6 +27,7 @@ mod source;
 mod strings;
 mod survey;
 mod test_code;
+mod type_names;
 mod uses;
 mod width;
 

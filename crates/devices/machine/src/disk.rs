@@ -235,7 +235,7 @@ mod tests {
     }
 
     #[test]
-    fn no_rate_is_told_before_it_is_known() {
+    fn no_rate_is_reported_before_it_is_known() {
         assert_eq!(watch((0..5).map(|s| 700 - 6 * s)).bytes_per_s, None);
         assert_eq!(watch((0..6).map(|s| 700 - 6 * s)).bytes_per_s, Some(6e6));
         // Nothing is written: there is a rate and no end.
@@ -291,7 +291,7 @@ mod tests {
     }
 
     #[test]
-    fn trouble_is_told() {
+    fn trouble_is_reported() {
         let mut watch = DiskWatch::new(0);
         let mut judge = |reading| watch.judge(0, &reading);
         assert_eq!(judge(space(MB)).fault, None);

@@ -29,7 +29,7 @@ pub enum Use {
 
 /// One device.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Found {
+pub struct DeviceEntry {
     /// What it could be.
     pub as_what: Use,
     /// How to write it, see [`spec`](crate::spec). For [`Use::Lines`] without the line.
@@ -53,8 +53,8 @@ const KEYS: [KeyCode; 8] = [
 ];
 
 /// Everything that is there.
-pub fn all() -> Vec<Found> {
-    let mut found: Vec<Found> = event_nodes().iter().flat_map(|n| input(n)).collect();
+pub fn all() -> Vec<DeviceEntry> {
+    let mut found: Vec<DeviceEntry> = event_nodes().iter().flat_map(|n| input(n)).collect();
     found.extend(leds(Path::new("/sys/class/leds")));
     found.extend(chips());
     found.sort_by(|a, b| (a.as_what, &a.spec).cmp(&(b.as_what, &b.spec)));
@@ -62,13 +62,13 @@ pub fn all() -> Vec<Found> {
 }
 
 /// An input device: nothing, a button, a beeper or both.
-fn input(node: &Path) -> Vec<Found> {
+fn input(node: &Path) -> Vec<DeviceEntry> {
     let spec = format!("evdev:{}", node.display());
     let device = match RawDevice::open(node) {
         Ok(device) => device,
         Err(e) => {
             let error = DeviceError::from_io("opening", &spec, MEND, e);
-            return vec![Found {
+            return vec![DeviceEntry {
                 as_what: Use::Button,
                 spec,
                 name: String::new(),
@@ -81,7 +81,7 @@ fn input(node: &Path) -> Vec<Found> {
     if let Some(keys) = device.supported_keys()
         && let Some(key) = KEYS.into_iter().find(|key| keys.contains(*key))
     {
-        found.push(Found {
+        found.push(DeviceEntry {
             as_what: Use::Button,
             spec: format!("{spec},key={key:?}"),
             name: name.clone(),
@@ -90,7 +90,7 @@ fn input(node: &Path) -> Vec<Found> {
     }
     let sounds = device.supported_sounds();
     if sounds.is_some_and(|s| s.contains(SoundCode::SND_TONE)) {
-        found.push(Found {
+        found.push(DeviceEntry {
             as_what: Use::Beeper,
             spec,
             name,
@@ -100,7 +100,7 @@ fn input(node: &Path) -> Vec<Found> {
     found
 }
 
-fn leds(root: &Path) -> Vec<Found> {
+fn leds(root: &Path) -> Vec<DeviceEntry> {
     let entries = fs::read_dir(root).into_iter().flatten().flatten();
     let led = |entry: fs::DirEntry| {
         let name = entry.file_name().into_string().ok()?;
@@ -110,7 +110,7 @@ fn leds(root: &Path) -> Vec<Found> {
         let spec = format!("sysfs:{name}");
         let mend = crate::light::sysfs::MEND;
         let problem = problem.map(|e| DeviceError::from_io("opening", &spec, mend, e).to_string());
-        Some(Found {
+        Some(DeviceEntry {
             as_what: Use::Light,
             spec,
             name,
@@ -120,7 +120,7 @@ fn leds(root: &Path) -> Vec<Found> {
     entries.filter_map(led).collect()
 }
 
-fn chips() -> Vec<Found> {
+fn chips() -> Vec<DeviceEntry> {
     let chips = gpiocdev::chip::chips().unwrap_or_default();
     let chip = |path: std::path::PathBuf| {
         let spec = format!("gpio:{}", path.display());
@@ -132,7 +132,7 @@ fn chips() -> Vec<Found> {
                 (String::new(), Some(error.to_string()))
             }
         };
-        Found {
+        DeviceEntry {
             as_what: Use::Lines,
             spec,
             name,

@@ -195,14 +195,14 @@ mod tests {
 
     use super::*;
     use crate::button::Edge;
-    use crate::button::fake::{Scripted, Step, Time};
+    use crate::button::fake::{ScriptedButton, Step, Time};
     use crate::button_commands::Command;
 
     const MS: i64 = crate::NS_PER_MS;
 
     fn hear(steps: impl IntoIterator<Item = Step>) -> (Listener, Receiver<String>) {
         let time = Time::default();
-        let port = Scripted::new(time.clone(), steps);
+        let port = ScriptedButton::new(time.clone(), steps);
         let (sender, heard) = sync_channel(64);
         let on_event = move |heard| {
             let text = match heard {
@@ -246,7 +246,7 @@ mod tests {
     }
 
     #[test]
-    fn a_button_that_goes_is_told_once_and_heard_again_when_it_is_back() {
+    fn a_removed_button_is_reported_once_and_works_again_when_it_is_back() {
         let (_listener, heard) = hear([
             edge(100, true),
             edge(200, false),

@@ -222,7 +222,7 @@ mod tests {
     }
 
     #[test]
-    fn the_most_urgent_is_told() {
+    fn the_most_urgent_is_reported() {
         use Warning::{Battery, Heat, Storage, Stream};
         let warning = |what, recording| Signal::Warning { what, recording };
         let all = [Heat, Battery, Storage, Stream];

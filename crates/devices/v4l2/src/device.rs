@@ -22,7 +22,7 @@ pub mod controls;
 mod extension;
 mod modes;
 
-pub use controls::{Control, ControlKind, MenuItem, NotTaken};
+pub use controls::{Control, ControlKind, MenuItem, RejectedValue};
 
 /// An open camera. Clones are the same camera; it is closed with the last one and its last stream.
 #[derive(Clone, Debug)]

@@ -93,7 +93,7 @@ pub(crate) fn list_with(
 /// Which camera is meant. As text: `/dev/video0`, `/dev/v4l/by-path/…`, `usb:2b03:f682` or
 /// `usb:2b03:f682:SERIAL`.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Wanted {
+pub enum NodeSelector {
     /// The one with this USB identity.
     Usb {
         /// Vendor.
@@ -114,7 +114,7 @@ pub enum FindError {
     #[error("no camera {wanted}; there {there}")]
     NotThere {
         /// What was looked for.
-        wanted: Wanted,
+        wanted: NodeSelector,
         /// What there is.
         there: String,
     },
@@ -124,7 +124,7 @@ pub enum FindError {
     )]
     Several {
         /// What was looked for.
-        wanted: Wanted,
+        wanted: NodeSelector,
         /// Those that fit.
         there: String,
     },
@@ -135,7 +135,7 @@ pub enum FindError {
 ///
 /// # Errors
 /// See [`FindError`].
-pub fn find<'a>(nodes: &'a [Node], wanted: &Wanted) -> Result<&'a Node, FindError> {
+pub fn find<'a>(nodes: &'a [Node], wanted: &NodeSelector) -> Result<&'a Node, FindError> {
     let mut fitting: Vec<&Node> = nodes
         .iter()
         .filter(|n| !matches!(n.captures, Ok(false)) && wanted.fits(n))
@@ -175,7 +175,7 @@ pub fn find<'a>(nodes: &'a [Node], wanted: &Wanted) -> Result<&'a Node, FindErro
     }
 }
 
-impl Wanted {
+impl NodeSelector {
     fn fits(&self, node: &Node) -> bool {
         match self {
             Self::Path(path) => {
@@ -214,7 +214,7 @@ impl fmt::Display for Node {
     }
 }
 
-impl fmt::Display for Wanted {
+impl fmt::Display for NodeSelector {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Path(path) => path.display().fmt(f),
@@ -239,7 +239,7 @@ pub struct NoCamera {
     found: String,
 }
 
-impl FromStr for Wanted {
+impl FromStr for NodeSelector {
     type Err = NoCamera;
 
     fn from_str(text: &str) -> Result<Self, NoCamera> {

@@ -32,7 +32,7 @@ mod frame;
 mod map;
 mod sequence;
 
-pub use frame::{Clock, FrameInfo, Stamped};
+pub use frame::{Clock, FrameInfo, TimestampSource};
 pub use sequence::{Sequence, Step};
 
 use map::Map;

@@ -13,8 +13,8 @@ use std::time::{Duration, Instant};
 
 use v4l2::device::ControlKind;
 use v4l2::hotplug::{Change, Watch};
-use v4l2::node::{self, Wanted};
-use v4l2::stream::{Clock, Sequence, Stamped, Step};
+use v4l2::node::{self, NodeSelector};
+use v4l2::stream::{Clock, Sequence, Step, TimestampSource};
 use v4l2::{Camera, CameraError, FrameInfo, Interval, Mode, Next, Sizes, Stream, StreamError};
 
 const PATIENCE: Duration = Duration::from_secs(2);
@@ -89,7 +89,7 @@ fn listed_and_found() {
         assert!(matches!(node.captures, Ok(true)), "{:?}", node.captures);
         assert_eq!(node.usb, None);
     }
-    let found = node::find(&nodes, &Wanted::Path(path(1))).unwrap();
+    let found = node::find(&nodes, &NodeSelector::Path(path(1))).unwrap();
     assert_eq!(found.card, "vivid-001-vid-cap");
 }
 
@@ -173,7 +173,7 @@ fn steady(number: u32, width: u32, height: u32) {
             step => panic!("{step:?}"),
         }
         assert_eq!(info.clock, Clock::Monotonic);
-        assert_eq!(info.stamped, Stamped::StartOfExposure);
+        assert_eq!(info.stamped, TimestampSource::StartOfExposure);
         assert!(!info.corrupt && !info.short && info.time_ns > last.time_ns);
         assert_eq!(info.bytes_used, (width * height * 2) as usize);
         last = info;
@@ -266,7 +266,7 @@ fn a_stream_that_failed_begins_again() {
 }
 
 #[test]
-fn a_buffer_that_is_not_taken_back_is_told() {
+fn a_buffer_that_is_not_taken_back_is_reported() {
     if !is_vivid_here() {
         return;
     }

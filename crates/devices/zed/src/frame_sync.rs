@@ -51,7 +51,7 @@ mod line;
 mod track;
 
 use line::{LowerEnvelope, SlopeBand, lower_envelope, slope_band, slope_of};
-use track::{Seen, Track};
+use track::{CountCheck, Track};
 
 pub use config::FrameSyncConfig;
 
@@ -269,14 +269,14 @@ impl FrameSync {
         let seen = self
             .syncs
             .count(sample.sync_count, sample.frame_sync.then_some(device_ns));
-        if seen == Seen::Slipped {
+        if seen == CountCheck::Slipped {
             self.begin_again();
         }
     }
 
     /// Takes a frame with the driver's sequence number and time stamp.
     pub fn frame(&mut self, sequence: u32, kernel_ns: i64) {
-        if self.frames.count(sequence, Some(kernel_ns)) == Seen::Slipped {
+        if self.frames.count(sequence, Some(kernel_ns)) == CountCheck::Slipped {
             self.begin_again();
             self.frames.count(sequence, Some(kernel_ns));
         }

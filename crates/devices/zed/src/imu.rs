@@ -25,7 +25,7 @@
 use std::time::Duration;
 
 use crate::command::{Command, STREAM, is_streaming};
-use crate::number::{Numbered, Numbers};
+use crate::number::{Numbers, SampleNumber};
 use crate::report::{ReportError, Sample};
 
 #[cfg(test)]
@@ -34,7 +34,7 @@ pub mod hid;
 mod link;
 mod watchdog;
 
-pub use hid::{Found, HidLink, HidPort, list};
+pub use hid::{HidDevice, HidLink, HidPort, list};
 pub use link::{Link, LinkError, OpenError, Port};
 pub use watchdog::{PATIENCE_NS, SILENT_NS};
 
@@ -56,7 +56,7 @@ pub struct Arrival {
     /// When the read returned, ns of the caller's clock.
     pub host_ns: i64,
     /// Its number, and what is missing before it.
-    pub numbered: Numbered,
+    pub numbered: SampleNumber,
 }
 
 /// What happened.

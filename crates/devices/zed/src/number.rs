@@ -13,7 +13,7 @@
 //!   of the last sixteen gaps is an old one: up to sixteen samples are then reported lost that
 //!   never were.
 //! * *A clock that steps* (the device restarted, or the ticks are wrong) tells nothing of what was
-//!   lost: the number goes on by host time, and [`Numbered::stepped`] says so. A late arrival is no
+//!   lost: the number goes on by host time, and [`SampleNumber::stepped`] says so. A late arrival is no
 //!   step, an arrival before its time is.
 //! * *A repeated sample* is a step by one.
 
@@ -30,7 +30,7 @@ const CLOCKS_AGREE: i64 = 2_000;
 
 /// What became of a sample.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Numbered {
+pub struct SampleNumber {
     /// The sample's number; it only grows.
     pub number: u64,
     /// Samples that are missing before it: the numbers left out.
@@ -72,11 +72,11 @@ impl Numbers {
     }
 
     /// Numbers the sample with these ticks that arrived at `host_ns`.
-    pub fn number(&mut self, ticks: u64, host_ns: i64) -> Numbered {
+    pub fn number(&mut self, ticks: u64, host_ns: i64) -> SampleNumber {
         let offset = host_ns.saturating_sub(ticks_ns(ticks).unwrap_or(i64::MAX));
         let Some(newest) = self.newest else {
             self.begin(Place { ticks, number: 0 }, host_ns, offset);
-            return Numbered {
+            return SampleNumber {
                 number: 0,
                 lost: 0,
                 stepped: false,
@@ -106,7 +106,7 @@ impl Numbers {
                 self.anchors = [self.anchors[1], place];
             }
         }
-        Numbered {
+        SampleNumber {
             number: place.number,
             lost: jump - 1,
             stepped,

@@ -24,7 +24,7 @@ use crate::roles::{Role, Roles};
 /// Where impossible messages are in the (verified) records of a chunk, in their order; almost
 /// always nothing.
 pub(crate) fn impossible(records: &Bytes, roles: &Roles) -> Vec<Range<usize>> {
-    let mut found = Found::default();
+    let mut found = ImpossibleMessages::default();
     let mut iter = RecordIter::new(records);
     loop {
         let start = records.len() - iter.remaining();
@@ -65,7 +65,7 @@ struct Waiting {
 }
 
 #[derive(Default)]
-struct Found {
+struct ImpossibleMessages {
     impossible: Vec<Range<usize>>,
     /// Frame records without access unit and units without record: one of the two may be among the
     /// impossible.
@@ -73,7 +73,7 @@ struct Found {
     waiting: BTreeMap<usize, Waiting>,
 }
 
-impl Found {
+impl ImpossibleMessages {
     fn message(
         &mut self,
         range: Range<usize>,

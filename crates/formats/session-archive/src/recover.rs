@@ -34,7 +34,7 @@ use crate::salvage::salvage;
 use crate::scan::{CHUNK_LIMIT, Damage, DamageKind, Item, VerifiedChunk};
 use crate::storage::{self, Storage};
 use crate::time::HostTime;
-use crate::verify::{Check, Lost, Report, Vacant, check, rig_file, verify};
+use crate::verify::{Check, LostSamples, Report, Vacant, check, rig_file, verify};
 use crate::writer::{LIBRARY, PROFILE, head_chunk};
 
 /// Appended to the name of a segment that is rewritten.
@@ -62,7 +62,7 @@ pub enum RecoverError {
 
 /// What recovery found and made.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
-pub struct Recovered {
+pub struct Recovery {
     /// What was found in the source.
     pub source: Report,
     /// What the copy holds.
@@ -73,7 +73,7 @@ pub struct Recovered {
     pub saved_messages: u64,
     /// Samples that could not be recovered: the gap records that recovery wrote. Fewer than the
     /// source's, which a reader finds lost, by those that were saved.
-    pub lost: Vec<Lost>,
+    pub lost: Vec<LostSamples>,
 }
 
 /// Recovers a session into an empty storage.
@@ -115,7 +115,7 @@ pub fn recover(
     source: &SessionReader,
     target: Arc<dyn Storage>,
     mut progress: impl FnMut(u64),
-) -> Result<Recovered, RecoverError> {
+) -> Result<Recovery, RecoverError> {
     let check = check(source, &mut progress)?;
     let vacant = check.vacant();
     let report = check.finish();
@@ -131,7 +131,7 @@ pub fn recover(
     if has_new_faults(&report, &checked) {
         return Err(RecoverError::NotSound(Box::new(checked)));
     }
-    Ok(Recovered {
+    Ok(Recovery {
         source: report,
         copy: checked,
         saved_chunks,
@@ -552,7 +552,7 @@ fn put(
         .map_err(RecoverError::Write)
 }
 
-fn loss_chunk(manifest: &Manifest, at: HostTime, lost: &[Lost]) -> Vec<u8> {
+fn loss_chunk(manifest: &Manifest, at: HostTime, lost: &[LostSamples]) -> Vec<u8> {
     let mut chunk = ChunkBuilder::default();
     let log = at.0.max(0) as u64;
     if let Some(stream) = manifest.stream::<Gap>("") {

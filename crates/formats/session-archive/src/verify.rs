@@ -25,7 +25,7 @@ mod report;
 mod vacant;
 
 pub(crate) use ranges::union;
-pub use report::{Lost, Report, SegmentDamage, StreamReport};
+pub use report::{LostSamples, Report, SegmentDamage, StreamReport};
 pub(crate) use vacant::Vacant;
 
 use numbers::Numbers;

@@ -13,9 +13,9 @@ use session_archive::mcap::{MAGIC, ParseError, Record, RecordIter};
 use session_archive::scan::Scan;
 
 /// Type and fields of a record, written as the JSON files write them.
-type Written = (String, BTreeMap<String, Value>);
+type JsonRecord = (String, BTreeMap<String, Value>);
 
-fn written(record: &Record<'_>) -> Written {
+fn written(record: &Record<'_>) -> JsonRecord {
     fn map<K: ToString, V: ToString>(map: &BTreeMap<K, V>) -> Value {
         map.iter()
             .map(|(k, v)| (k.to_string(), v.to_string().into()))
@@ -95,7 +95,7 @@ fn written(record: &Record<'_>) -> Written {
 
 /// The records of a file: chunks opened, message indexes (which the JSON leaves out) checked
 /// against the chunk before them.
-fn records(file: &[u8]) -> Result<Vec<Written>, ParseError> {
+fn records(file: &[u8]) -> Result<Vec<JsonRecord>, ParseError> {
     let inside = &file[MAGIC.len()..file.len() - MAGIC.len()];
     let mut all = Vec::new();
     let mut indexed: BTreeMap<u16, Vec<(u64, u64)>> = BTreeMap::new();
@@ -127,7 +127,7 @@ fn records(file: &[u8]) -> Result<Vec<Written>, ParseError> {
     Ok(all)
 }
 
-fn expected(path: &Path) -> Vec<Written> {
+fn expected(path: &Path) -> Vec<JsonRecord> {
     let text = fs::read(path).expect("read the JSON");
     let json: Value = serde_json::from_slice(&text).expect("parse the JSON");
     let records = json["records"].as_array().expect("records");

@@ -23,13 +23,13 @@ use support::{MS, Sample, messages, record, samples_at};
 static ALLOCATOR: CountingAllocator = CountingAllocator;
 
 /// A closed session of a second and a half; what it holds, by place.
-struct Written {
+struct SessionByPlace {
     disk: FaultStorage,
     messages: BTreeMap<(u64, u32), Message>,
     report: Report,
 }
 
-impl Written {
+impl SessionByPlace {
     fn new() -> Self {
         let disk = FaultStorage::new();
         let mut samples = samples_at([150 * MS, 250 * MS], 1.5);
@@ -120,7 +120,7 @@ fn changed(byte: u8, pattern: usize, offset: usize) -> u8 {
 
 #[test]
 fn every_byte_of_a_segment_changed() {
-    let written = Written::new();
+    let written = SessionByPlace::new();
     let original = written.segment();
     assert!(original.len() < 50_000, "{}", original.len());
     for pattern in 0..4 {
@@ -161,7 +161,7 @@ fn is_bulk(segment: &[u8], offset: usize) -> bool {
 
 #[test]
 fn a_segment_cut_at_every_length() {
-    let written = Written::new();
+    let written = SessionByPlace::new();
     let original = written.segment();
     for length in 0..original.len() {
         let case = format!("cut to {length}");
@@ -173,7 +173,7 @@ fn a_segment_cut_at_every_length() {
 
 #[test]
 fn damaged_sessions_are_recovered() {
-    let written = Written::new();
+    let written = SessionByPlace::new();
     let original = written.segment();
     for offset in (0..original.len()).step_by(37) {
         for cut in [false, true] {
@@ -193,7 +193,7 @@ fn damaged_sessions_are_recovered() {
 
 #[test]
 fn every_byte_and_every_length_of_the_manifest() {
-    let written = Written::new();
+    let written = SessionByPlace::new();
     let original = written.disk.content(layout::MANIFEST).expect("manifest");
     let whole = Manifest::from_bytes(&original).expect("manifest");
     let damaged = |content: Vec<u8>, case: String, open: bool| {
@@ -235,7 +235,7 @@ fn every_byte_and_every_length_of_the_manifest() {
 
 #[test]
 fn every_byte_of_a_rig_file() {
-    let written = Written::new();
+    let written = SessionByPlace::new();
     let path = layout::rig_file("rig.toml");
     let original = written.disk.content(&path).expect("file");
     for offset in 0..original.len() {
@@ -328,7 +328,7 @@ fn what_protobuf_claims_is_not_allocated() {
 
 #[test]
 fn damage_does_not_make_reading_hold_more() {
-    let written = Written::new();
+    let written = SessionByPlace::new();
     let original = written.segment();
     let (_, _, whole) = scan(&original);
     for offset in (0..original.len()).step_by(3) {
@@ -370,7 +370,7 @@ fn a_search_through_false_starts_ends() {
 /// nothing in it is used.
 #[test]
 fn a_signed_chunk_of_nonsense_is_damage() {
-    let written = Written::new();
+    let written = SessionByPlace::new();
     let mut bytes = written.segment();
     let nonsense = sealed_chunk(&[0x05, 200, 0, 0, 0, 0, 0, 0, 0, 1, 2, 3]);
     let (before, _, _) = scan(&bytes);

@@ -48,7 +48,7 @@ pub struct Lens {
 
 /// A pixel and its Jacobians.
 #[derive(Clone, Copy, Debug)]
-pub struct Projected {
+pub struct ProjectedPoint {
     /// x and y, pixels.
     pub pixel: [f64; 2],
     /// Jacobian with respect to the point, pixels per metre.
@@ -121,7 +121,7 @@ impl Lens {
     /// assert!((projected.by_point[(0, 0)] - px_per_m).abs() < 0.01);
     /// # Ok::<(), &str>(())
     /// ```
-    pub fn project_with_jacobians(&self, x_in_camera: [f64; 3]) -> Option<Projected> {
+    pub fn project_with_jacobians(&self, x_in_camera: [f64; 3]) -> Option<ProjectedPoint> {
         let bent = match &self.shape {
             Shape::Radial(s) => s.distort_with_jacobians(x_in_camera),
             Shape::Fisheye(s) => s.distort_with_jacobians(x_in_camera),
@@ -139,7 +139,7 @@ impl Lens {
                 by_parameters[(row, 4 + k)] = f * bent.by_coefficients[(row, k)];
             }
         }
-        Some(Projected {
+        Some(ProjectedPoint {
             pixel: [m.fx * bent.at[0] + m.cx, m.fy * bent.at[1] + m.cy],
             by_point,
             by_parameters,

@@ -24,7 +24,7 @@ pub use camera::{CameraModel, Distortion, Rational};
 pub use camera_info::CameraInfo;
 pub use convert::{Conversion, ConvertError, LensModel, convert, convert_within, exactly};
 pub use imu::{ImuCalibration, ImuNoise, ImuSample};
-pub use lens::{ByParameters, Lens, Projected};
+pub use lens::{ByParameters, Lens, ProjectedPoint};
 pub use note::Note;
 pub use plausibility::InvalidCalibration;
 pub use set::{CameraSet, NamedCamera, SetImu};

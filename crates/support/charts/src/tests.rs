@@ -407,7 +407,7 @@ fn clipping_cuts_exactly_at_the_border() {
 }
 
 #[test]
-fn ticks_are_round_few_and_told_apart() {
+fn ticks_are_round_few_and_distinct() {
     let mut dice = Dice(5);
     for _ in 0..20_000 {
         let lo = (dice.uniform() - 0.5) * 10f64.powi(dice.roll(24) as i32 - 12);

@@ -54,8 +54,8 @@ use crate::native::{NVMM, NativeFrame};
 use crate::pipeline::{self, InitError};
 use crate::raw_image::coded_size;
 use crate::{PixelFormat, RawImage, RawImageError, layout};
-use feed::{Feed, Wanted};
-use intake::{Arrived, Intake, Item, Port};
+use feed::{Feed, OutputRequest};
+use intake::{ArrivedFrame, Intake, Item, Port};
 use number::Numbering;
 use policy::Policy;
 
@@ -172,7 +172,7 @@ impl CaptureSettings {
     }
 
     /// The output requested of each chain.
-    fn wanted(&self) -> Wanted {
+    fn wanted(&self) -> OutputRequest {
         let native = self.delivery == Delivery::Native;
         let eyes = 1 + u32::from(self.right_chain.is_some());
         let raw = |formats: &[&str]| {
@@ -193,7 +193,7 @@ impl CaptureSettings {
         } else {
             QUEUE
         };
-        Wanted {
+        OutputRequest {
             caps: caps.build(),
             native,
             // And one in the taker's hands, one that is being filled.
@@ -278,7 +278,7 @@ pub enum Cause {
 /// Frames that are not delivered, though their camera gave them (or one eye of them). Those that
 /// never came are holes in the numbers only.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Lost {
+pub struct LostFrames {
     /// The first number.
     pub first: u64,
     /// The last number.
@@ -308,7 +308,7 @@ pub enum CaptureEvent {
     /// The next frame.
     Frame(CapturedFrame),
     /// Frames that will not come. They belong in front of the next one.
-    Lost(Lost),
+    Lost(LostFrames),
     /// The device is disconnected, busy, or refuses: start a new capture when it may be back.
     Gone {
         /// The element that said so.
@@ -347,7 +347,7 @@ pub fn check(settings: &CaptureSettings) -> Result<(), CaptureError> {
 }
 
 /// The chains of `settings` in front of one intake, with their delays; nothing runs yet.
-fn build(settings: &CaptureSettings, clock: HostClock) -> Result<Built, CaptureError> {
+fn build(settings: &CaptureSettings, clock: HostClock) -> Result<CaptureParts, CaptureError> {
     settings.check()?;
     pipeline::init()?;
     let limit = match settings.delivery {
@@ -374,10 +374,10 @@ fn build(settings: &CaptureSettings, clock: HostClock) -> Result<Built, CaptureE
         let delay = settings.start_delay.saturating_add(settings.eye_delay);
         feeds.push((feed(Eye::Right, chain)?, delay));
     }
-    Ok(Built { intake, feeds })
+    Ok(CaptureParts { intake, feeds })
 }
 
-struct Built {
+struct CaptureParts {
     intake: Arc<Intake>,
     feeds: Vec<(Feed, Duration)>,
 }
@@ -409,7 +409,7 @@ impl Capture {
         clock: HostClock,
         mut look: impl FnMut(&gst::Bin),
     ) -> Result<Capture, CaptureError> {
-        let Built { intake, feeds } = build(settings, clock)?;
+        let CaptureParts { intake, feeds } = build(settings, clock)?;
         for (feed, delay) in &feeds {
             look(feed.pipeline());
             if let Err(reason) = feed.start(*delay, &intake) {
@@ -459,8 +459,8 @@ impl Capture {
         self.intake.counts()
     }
 
-    fn one(&self, arrived: Arrived) -> Result<CapturedFrame, String> {
-        let Arrived {
+    fn one(&self, arrived: ArrivedFrame) -> Result<CapturedFrame, String> {
+        let ArrivedFrame {
             number,
             repeated,
             host_time_ns,
@@ -493,7 +493,7 @@ impl Drop for Capture {
 }
 
 /// Left and right as one frame.
-fn both(left: Arrived, right: Arrived) -> Result<CapturedFrame, String> {
+fn both(left: ArrivedFrame, right: ArrivedFrame) -> Result<CapturedFrame, String> {
     let (one, other) = (&left.arrival.frame, &right.arrival.frame);
     let image = layout::to_side_by_side(
         (one.buffer(), one.format().info()),

@@ -214,7 +214,7 @@ pub struct Encoder {
     element: gst::Element,
     preset: Preset,
     quantiser: u32,
-    expected: Expected,
+    expected: InputFormat,
     max_in_flight: usize,
     frame_bytes: usize,
     previous_ns: Option<i64>,
@@ -224,7 +224,7 @@ pub struct Encoder {
 
 /// What an encoder was started for.
 #[derive(Debug)]
-enum Expected {
+enum InputFormat {
     /// I420 frames, columns and rows.
     Images(u32, u32),
     Native(NativeFormat),
@@ -307,12 +307,12 @@ impl Encoder {
         .map_err(&started)?;
         let (expected, max_in_flight, frame_bytes) = match native {
             Some(format) => (
-                Expected::Native(format.clone()),
+                InputFormat::Native(format.clone()),
                 MAX_NATIVE_IN_FLIGHT,
                 format.bytes(),
             ),
             None => (
-                Expected::Images(width, height),
+                InputFormat::Images(width, height),
                 MAX_IN_FLIGHT,
                 PixelFormat::I420.bytes(width, height)?,
             ),

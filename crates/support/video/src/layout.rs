@@ -7,7 +7,7 @@ use gstreamer as gst;
 use gstreamer_video as gst_video;
 use gstreamer_video::prelude::*;
 
-use crate::raw_image::rows::{self, Layout as Source, Strided, Window};
+use crate::raw_image::rows::{self, Layout as Source, PlaneView, Window};
 use crate::raw_image::{Plane, coded_size};
 use crate::{PixelFormat, RawImage};
 
@@ -111,13 +111,13 @@ fn copy_into(
 ) -> Result<(), String> {
     let frame = gst_video::VideoFrameRef::from_buffer_ref_readable(buffer, info)
         .map_err(|error| format!("reading an image of {}: {error}", info.format()))?;
-    let plane = |number: u32| -> Result<Strided<'_>, String> {
+    let plane = |number: u32| -> Result<PlaneView<'_>, String> {
         let data = frame
             .plane_data(number)
             .map_err(|error| error.to_string())?;
         let stride = usize::try_from(frame.plane_stride()[number as usize])
             .map_err(|_| "an image that is stored upside down")?;
-        Ok(Strided { data, stride })
+        Ok(PlaneView { data, stride })
     };
     let source = match frame.format() {
         gst_video::VideoFormat::I420 => Source::I420([plane(0)?, plane(1)?, plane(2)?]),

@@ -133,13 +133,13 @@ pub fn stills(
     let (chosen, middle) = choose(frames, settings.most);
     let mut decoder = Decoder::new(codec);
     let mut found = Stills::default();
-    let mut seen: Vec<Seen> = Vec::new();
+    let mut seen: Vec<StillCandidate> = Vec::new();
     for position in chosen {
         let key = frames[position].key.min(position);
         match decode(&mut decoder, key..position + 1, read)? {
             Some(image) => {
                 found.looked_at += 1;
-                keep(&mut seen, Seen::of(position, &image), middle);
+                keep(&mut seen, StillCandidate::of(position, &image), middle);
             }
             None => found.undecodable += 1,
         }
@@ -215,12 +215,12 @@ fn decode(
 }
 
 /// A decoded frame and what its eyes look like.
-struct Seen {
+struct StillCandidate {
     position: usize,
     eyes: Vec<(&'static str, Look, RawImage)>,
 }
 
-impl Seen {
+impl StillCandidate {
     fn of(position: usize, both: &RawImage) -> Self {
         let eyes = match crate::raw_image::split(both) {
             Ok((left, right)) => vec![("left", left), ("right", right)],
@@ -254,7 +254,7 @@ impl Seen {
 
 /// Adds a frame and lets go of those that no image will be made of, so that four or five are in
 /// memory.
-fn keep(seen: &mut Vec<Seen>, new: Seen, middle: usize) {
+fn keep(seen: &mut Vec<StillCandidate>, new: StillCandidate, middle: usize) {
     seen.push(new);
     let kept = [
         Some(0),
@@ -269,11 +269,11 @@ fn keep(seen: &mut Vec<Seen>, new: Seen, middle: usize) {
     });
 }
 
-fn nearest(seen: &[Seen], position: usize) -> Option<usize> {
+fn nearest(seen: &[StillCandidate], position: usize) -> Option<usize> {
     (0..seen.len()).min_by_key(|k| seen[*k].position.abs_diff(position))
 }
 
-fn least_sharp(seen: &[Seen]) -> Option<usize> {
+fn least_sharp(seen: &[StillCandidate]) -> Option<usize> {
     (0..seen.len()).min_by(|a, b| seen[*a].sharpness().total_cmp(&seen[*b].sharpness()))
 }
 

@@ -19,7 +19,7 @@ use camera_models::CameraModel;
 use nalgebra::{UnitQuaternion, Vector3};
 
 use self::optics::Conditions;
-pub use self::placed::{Motion, Placed, placed};
+pub use self::placed::{Motion, SceneBody, placed};
 use self::raster::{View, Visibility};
 use self::rows::Rows;
 use self::sensor::{AutoExposure, Exposure, Sensor, SensorModel};
@@ -202,7 +202,7 @@ impl MonoCamera {
     pub fn expose(
         &mut self,
         scene: &Scene,
-        placed: &[Placed<'_>],
+        placed: &[SceneBody<'_>],
         eye_pose: &dyn Fn(f64) -> (Vector3<f64>, UnitQuaternion<f64>),
         shot: &Shot,
     ) -> &Radiance {
@@ -213,7 +213,7 @@ impl MonoCamera {
     pub fn expose_in_stages(
         &mut self,
         scene: &Scene,
-        placed: &[Placed<'_>],
+        placed: &[SceneBody<'_>],
         eye_pose: &dyn Fn(f64) -> (Vector3<f64>, UnitQuaternion<f64>),
         shot: &Shot,
         done: &mut dyn FnMut(Stage),
@@ -348,12 +348,12 @@ impl MonoCamera {
     /// outside the view.
     fn views_of_seen(
         &self,
-        placed: &[Placed<'_>],
+        placed: &[SceneBody<'_>],
         eye_pose: &dyn Fn(f64) -> (Vector3<f64>, UnitQuaternion<f64>),
         time_s: f64,
     ) -> Vec<Vec<View>> {
         let rows = Rows::new(self.shutter, self.visibility.height, eye_pose, time_s);
-        let of = |body: &Placed<'_>| {
+        let of = |body: &SceneBody<'_>| {
             let few = rows.few(body.pose);
             match few.len() > 1 && self.visibility.may_see(body.body, &few) {
                 true => rows.views(body.pose),

@@ -17,7 +17,7 @@ use camera_models::{CameraModel, StereoCalibration};
 use nalgebra::{UnitQuaternion, Vector3};
 
 use crate::calibration_error::{CalibrationError, true_rig_toml};
-use crate::camera::placed::{Motion, Placed, placed};
+use crate::camera::placed::{Motion, SceneBody, placed};
 use crate::camera::{Quality, Shutter};
 use crate::faults::WearerFaults;
 use crate::imu::{ImuFaults, ImuModel, ImuSample};
@@ -560,11 +560,11 @@ impl Simulation {
     }
 
     /// All bodies to draw: the scene, then the wearer.
-    fn placed<'a>(&'a self, limbs: &'a [Limb<'a>]) -> Vec<Placed<'a>> {
+    fn placed<'a>(&'a self, limbs: &'a [Limb<'a>]) -> Vec<SceneBody<'a>> {
         let mut placed = placed(self.scene());
         for limb in limbs {
-            let first = placed.last().map_or(0, Placed::next);
-            placed.push(Placed {
+            let first = placed.last().map_or(0, SceneBody::next);
+            placed.push(SceneBody {
                 body: limb.body,
                 first,
                 pose: limb,

@@ -131,7 +131,7 @@ fn drift(
     index: usize,
     fit: &Fit,
     axis: &[f64],
-    screened: &screen::Screened,
+    screened: &screen::Screening,
     config: &Config,
 ) -> Option<Finding> {
     let longest = screened.still.iter().max_by_key(|run| run.len())?;

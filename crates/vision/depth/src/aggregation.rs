@@ -11,7 +11,7 @@
 //! written once and read once. With [`Paths::Three`] the sweeps end at the middle row and no sums
 //! are stored.
 
-use crate::census::{Census, Codes, Layout, Padded};
+use crate::census::{Census, Codes, Layout, PaddedImage};
 use crate::cost::{CostRow, INVALID};
 use crate::lanes::{Kernel, Lanes, Level};
 use imaging::ImageView;
@@ -146,7 +146,7 @@ struct Job<'a> {
     weights: Weights,
     range: Range<'a>,
     codes: &'a [Codes; 2],
-    gray: &'a Padded,
+    gray: &'a PaddedImage,
     width: usize,
     stride: usize,
     origin: usize,
@@ -198,7 +198,7 @@ impl Aggregation {
             weights,
             range,
             codes: &self.codes,
-            gray: &Padded::new(left, 1, level.lanes()),
+            gray: &PaddedImage::new(left, 1, level.lanes()),
             width,
             stride,
             origin: (MAX_NEGATIVE_PX as i32 + width as i32 - 1 + range.first) as usize,

@@ -120,7 +120,7 @@ impl Codes {
         let reach = census.reach();
         let pairs = census.pairs();
         let columns = width.next_multiple_of(level.lanes());
-        let padded = Padded::new(image, reach, columns - width);
+        let padded = PaddedImage::new(image, reach, columns - width);
         self.planes = census.planes();
         self.stride = layout.before + width + layout.behind;
         self.bytes.clear();
@@ -158,13 +158,13 @@ impl Codes {
 }
 
 /// Image whose border is repeated `reach` times on each side, and `more` times on the right.
-pub(crate) struct Padded {
+pub(crate) struct PaddedImage {
     pixels: Vec<u8>,
     stride: usize,
     reach: usize,
 }
 
-impl Padded {
+impl PaddedImage {
     pub(crate) fn new(image: &ImageView<'_>, reach: usize, more: usize) -> Self {
         let (width, height) = (image.width(), image.height());
         let stride = width + 2 * reach + more;
@@ -193,7 +193,7 @@ impl Padded {
 
 /// Computes one byte of the codes of a row, whose length is a multiple of the vector length.
 struct Bits<'a> {
-    padded: &'a Padded,
+    padded: &'a PaddedImage,
     y: usize,
     pairs: &'a [Pair],
     row: &'a mut [u8],

@@ -28,7 +28,7 @@ use self::rhythm::{Step, rhythm};
 use self::strike::{Strike, StrikeHabit, strike};
 pub use self::trunk::RigHeights;
 use self::trunk::TrunkHabit;
-use self::unseen::Unseen;
+use self::unseen::UnseenIntervals;
 
 /// The contacts of both feet, left and right, from their stances and the heights of the rig.
 pub fn contacts(
@@ -36,7 +36,7 @@ pub fn contacts(
     heights: &RigHeights,
     config: &EventConfig,
 ) -> [Vec<Contact>; 2] {
-    let unseen = Unseen::of(&feet);
+    let unseen = UnseenIntervals::of(&feet);
     let strikes_of = |habit: &StrikeHabit| feet.map(|foot| strikes(&foot, &unseen, habit, config));
     let generic = strikes_of(&StrikeHabit::generic(config));
     let habit = StrikeHabit::learned(generic.iter().flatten(), config);
@@ -119,7 +119,7 @@ fn is_level(foot: &FootStances<'_>, index: usize) -> bool {
 
 fn strikes(
     foot: &FootStances<'_>,
-    unseen: &Unseen,
+    unseen: &UnseenIntervals,
     habit: &StrikeHabit,
     config: &EventConfig,
 ) -> Vec<Strike> {
@@ -138,7 +138,12 @@ const BOTH_SIGMA: f64 = 0.04;
 const STRIDE_S: f64 = 1.1;
 
 /// The strikes of a foot as each is known by itself.
-fn steps(foot: &FootStances<'_>, unseen: &Unseen, strikes: &[Strike], side: usize) -> Vec<Step> {
+fn steps(
+    foot: &FootStances<'_>,
+    unseen: &UnseenIntervals,
+    strikes: &[Strike],
+    side: usize,
+) -> Vec<Step> {
     let both = foot.stances.iter().zip(strikes).enumerate();
     let step = |(index, (stance, strike)): (usize, (&Stance, &Strike))| {
         let [first_s, last_s] = stance.times_ns.map(seconds);

@@ -118,7 +118,7 @@ fn correlation(template: &Template, points: &Points, shift: [f64; 2]) -> f64 {
     let mut pattern = PatternBatch::ZERO;
     let batches = points.pixels.batches.iter().zip(&points.places);
     for (number, (pixels, places)) in batches.enumerate() {
-        simd_dispatch::run(Shifted {
+        simd_dispatch::run(ShiftedPattern {
             template,
             places,
             shift,
@@ -132,14 +132,14 @@ fn correlation(template: &Template, points: &Points, shift: [f64; 2]) -> f64 {
 }
 
 /// The pattern at places of a tag that is moved by a shift, cells.
-struct Shifted<'k> {
+struct ShiftedPattern<'k> {
     template: &'k Template,
     places: &'k PlaneBatch,
     shift: [f32; 2],
     pattern: &'k mut PatternBatch,
 }
 
-impl Kernel for Shifted<'_> {
+impl Kernel for ShiftedPattern<'_> {
     type Output = ();
 
     #[inline(always)]

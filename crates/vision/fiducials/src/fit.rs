@@ -187,7 +187,7 @@ struct Solution {
 }
 
 /// What the eyes show of a tag.
-struct Shown {
+struct Visibility {
     /// What counts, by view.
     selections: Vec<Selection>,
     visible_share: Vec<f64>,
@@ -244,7 +244,7 @@ impl<'a> Fitter<'a> {
     }
 
     /// Whether the pixels that were selected at a start would hardly differ after the fit.
-    fn keeps_pixels(&self, start: &RigidTransform, state: &State, shown: &Shown) -> bool {
+    fn keeps_pixels(&self, start: &RigidTransform, state: &State, shown: &Visibility) -> bool {
         let moved = start.inverse() * state.pose;
         let ([a, b, c], [x, y, z]) = (moved.rotation_vector(), moved.translation_m());
         let is_hidden = |own: &Selection| own.is_hidden.contains(&true);
@@ -337,9 +337,9 @@ impl<'a> Fitter<'a> {
     }
 
     /// What each eye shows of the tag at a state.
-    fn shown(&self, problem: &Problem<'_>, state: &State) -> Option<Shown> {
+    fn shown(&self, problem: &Problem<'_>, state: &State) -> Option<Visibility> {
         let (tag, motion) = (self.tag, self.motion);
-        let mut shown = Shown {
+        let mut shown = Visibility {
             selections: vec![Selection::all(tag, self.config); self.views],
             visible_share: vec![0.0; self.views],
             wrong_bits: u32::MAX,

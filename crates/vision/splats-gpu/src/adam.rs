@@ -1,7 +1,9 @@
 //! The optimizer on the device: moments, steps, and what is gathered for growth.
 
 use bytemuck::{Pod, Zeroable};
-use splats::{Observed, Plane, SplatError, Splats, TrainConfig, TrainingState, TrainingStep};
+use splats::{
+    GrowthStatistics, Plane, SplatError, Splats, TrainConfig, TrainingState, TrainingStep,
+};
 use wgpu::ComputePass;
 
 use crate::backward::Backward;
@@ -136,7 +138,7 @@ impl Moments {
         }
         for (i, of) in out.observed.iter_mut().enumerate() {
             let value = |plane: usize| observed[plane * splats + i];
-            *of = Observed {
+            *of = GrowthStatistics {
                 error_px: f32::from_bits(value(0)),
                 instants: value(1),
                 last_instant: value(2).checked_sub(1),

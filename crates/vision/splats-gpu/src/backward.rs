@@ -9,7 +9,7 @@ use wgpu::ComputePass;
 
 use crate::device::Gpu;
 use crate::error::GpuError;
-use crate::frame::{Encoded, Frame};
+use crate::frame::{EncodedFrame, Frame};
 use crate::kernel::Kernel;
 use crate::memory::Store;
 use crate::scene::GpuScene;
@@ -83,7 +83,7 @@ impl Backward {
         gpu: &Gpu,
         frame: &Frame,
         scene: &GpuScene,
-        of: &Encoded,
+        of: &EncodedFrame,
     ) -> Result<(), GpuError> {
         let (pixels, tiles) = (of.view.pixels(), of.view.tiles());
         self.gradient.reserve(gpu, GRADIENT_PLANES * pixels)?;
@@ -105,7 +105,7 @@ impl Backward {
         pass: &mut ComputePass<'_>,
         f: &Frame,
         scene: &GpuScene,
-        of: &Encoded,
+        of: &EncodedFrame,
         motion: bool,
     ) {
         let groups = |threads: usize| [threads.div_ceil(THREADS) as u32, 1];

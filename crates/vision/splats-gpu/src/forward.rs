@@ -6,7 +6,7 @@ use wgpu::{CommandEncoder, ComputePass};
 use crate::backward::Backward;
 use crate::device::Gpu;
 use crate::error::GpuError;
-use crate::frame::{Encoded, Frame, IMAGE_PLANES, status};
+use crate::frame::{EncodedFrame, Frame, IMAGE_PLANES, status};
 use crate::kernel::Kernel;
 use crate::memory::{Download, floats};
 use crate::scene::GpuScene;
@@ -169,7 +169,7 @@ impl GpuRenderer {
         scene: &GpuScene,
         camera: &Camera,
         exposure: &Exposure,
-    ) -> Result<Encoded, GpuError> {
+    ) -> Result<EncodedFrame, GpuError> {
         let gpu = self.gpu.clone();
         let mut view = View::new(camera, exposure, &self.config);
         if self.frame.by_tile.len() < FIRST_PAIRS {
@@ -187,7 +187,12 @@ impl GpuRenderer {
         Ok(self.encode_passes(&mut pass, scene, view))
     }
 
-    fn encode_passes(&self, pass: &mut ComputePass<'_>, scene: &GpuScene, view: View) -> Encoded {
+    fn encode_passes(
+        &self,
+        pass: &mut ComputePass<'_>,
+        scene: &GpuScene,
+        view: View,
+    ) -> EncodedFrame {
         let (gpu, f, k) = (&self.gpu, &self.frame, &self.kernels);
         let groups = |threads: usize| [threads.div_ceil(THREADS) as u32, 1];
         let splats = scene.splats;
@@ -245,7 +250,7 @@ impl GpuRenderer {
             (8, f.blended.buffer()),
         ];
         k.blend.run(gpu, pass, &blend, [view.size[2], view.size[3]]);
-        Encoded {
+        EncodedFrame {
             view,
             order,
             entries,

@@ -57,7 +57,7 @@ pub(crate) struct Frame {
 }
 
 /// Work on an image, as encoded.
-pub(crate) struct Encoded {
+pub(crate) struct EncodedFrame {
     pub(crate) view: View,
     /// Which copy of the Gaussians' order has the result.
     pub(crate) order: usize,
@@ -110,12 +110,12 @@ impl Frame {
     }
 
     /// Gaussians, nearest first.
-    pub(crate) fn order(&self, of: &Encoded) -> &Store {
+    pub(crate) fn order(&self, of: &EncodedFrame) -> &Store {
         &self.by_depth.values[of.order]
     }
 
     /// Pairs, tile by tile.
-    pub(crate) fn entries(&self, of: &Encoded) -> &Store {
+    pub(crate) fn entries(&self, of: &EncodedFrame) -> &Store {
         &self.by_tile.values[of.entries]
     }
 

@@ -84,8 +84,8 @@ pub use render::{
 pub use scene::{Background, Exposure, MAX_DEGREE, Plane, Scene, Sky, Splat, Splats, coefficients};
 pub use sectors::{CellBox, CellVisibility, Cells, Part, SectorConfig, merged_background};
 pub use train::{
-    Evaluation, ExposureConfig, GrowthByNeed, GrowthCheck, GrowthConfig, LossConfig,
-    MAX_VOXELS_PER_POINT, Observed, OptimizerConfig, PoseConfig, Preset, StartConfig, StartPoint,
+    Evaluation, ExposureConfig, GrowthByNeed, GrowthCheck, GrowthConfig, GrowthStatistics,
+    LossConfig, MAX_VOXELS_PER_POINT, OptimizerConfig, PoseConfig, Preset, StartConfig, StartPoint,
     StepReport, TrainConfig, TrainReport, Trainer, TrainingDevice, TrainingRun, TrainingState,
     TrainingStep, TrainingView, points_from_views, psnr_db, splats_from_points, train,
 };

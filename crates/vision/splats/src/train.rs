@@ -28,7 +28,7 @@ pub use config::{
     ExposureConfig, GrowthConfig, LossConfig, OptimizerConfig, PoseConfig, Preset, TrainConfig,
 };
 pub use evaluate::{Evaluation, psnr_db};
-pub use grow::Observed;
+pub use grow::GrowthStatistics;
 pub use measured::{MAX_VOXELS_PER_POINT, points_from_views};
 pub use need::{GrowthByNeed, GrowthCheck, TrainReport, train};
 pub use start::{StartConfig, StartPoint, splats_from_points};

@@ -53,13 +53,13 @@ pub struct PlaneRefiner {
     vertices: Vec<Vec<u32>>,
     vertex_count: usize,
     lookup: Lookup,
-    collected: Vec<Collected>,
+    collected: Vec<CandidateViews>,
     views: u32,
 }
 
 /// What views show of a candidate.
 #[derive(Debug, Default)]
-struct Collected {
+struct CandidateViews {
     sums: Vec<ViewSums>,
     support: SupportGrid,
     patches: Patches,
@@ -111,10 +111,10 @@ impl PlaneRefiner {
                 closed,
                 grid,
             });
-            refiner.collected.push(Collected {
+            refiner.collected.push(CandidateViews {
                 patches: Patches::around(&support),
                 support,
-                ..Collected::default()
+                ..CandidateViews::default()
             });
             refiner.vertices.push(region.vertices);
         }
@@ -205,8 +205,8 @@ impl PlaneRefiner {
     }
 }
 
-fn fitted(config: &PlaneConfig, extent: Extent, collected: Collected) -> Option<Plane> {
-    let Collected {
+fn fitted(config: &PlaneConfig, extent: Extent, collected: CandidateViews) -> Option<Plane> {
+    let CandidateViews {
         mut sums,
         support,
         patches,

@@ -33,7 +33,7 @@ impl Autoreset {
 pub(crate) struct Batch {
     pub(crate) world: World,
     pub(crate) step: Step,
-    pub(crate) ended: Option<Ended>,
+    pub(crate) ended: Option<EpisodeEnds>,
     has_ended: Vec<bool>,
     /// Whether there was a reset; the world refuses steps before it.
     has_begun: bool,
@@ -49,7 +49,7 @@ pub(crate) struct Step {
 }
 
 /// Environments before their reset in the step of the end.
-pub(crate) struct Ended {
+pub(crate) struct EpisodeEnds {
     pub(crate) mask: Vec<bool>,
     /// Observations of all environments.
     pub(crate) observations: Vec<f32>,
@@ -132,7 +132,7 @@ impl Batch {
         if !mask.contains(&true) {
             return Ok(());
         }
-        let ended = Ended {
+        let ended = EpisodeEnds {
             observations: self.world.observations().to_vec(),
             result: self.world.result().clone(),
             frames: (0..mask.len())

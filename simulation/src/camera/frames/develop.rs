@@ -48,6 +48,12 @@ impl Developer {
         }
     }
 
+    /// Times of the images of a frame against that of its request, s.
+    pub(super) fn times_s(&self) -> impl Iterator<Item = f64> {
+        let poses = self.shutter.blur_poses;
+        (0..poses).map(move |pose| self.shutter.blur_time_s(pose))
+    }
+
     /// Renders and writes a frame. `image` renders at a time against that of the request, s.
     pub(super) fn develop(
         &self,

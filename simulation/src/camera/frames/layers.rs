@@ -25,25 +25,13 @@ pub(super) struct Contents(BTreeMap<usize, Arc<SectorGaussians>>);
 
 impl Contents {
     /// Loads or waits for what a batch needs.
-    pub(super) fn load<'a>(
-        store: &GaussianStore,
-        batch: impl Iterator<Item = &'a Layers>,
-    ) -> Result<Self, SimulationError> {
-        let mut places = Vec::new();
-        let mut sectors = BTreeMap::new();
-        for layers in batch {
-            places.push((
-                layers.sector(),
-                layers.request.world_from_camera.translation_m(),
-            ));
-            for sector in layers.sectors() {
-                sectors.insert(sector, ());
-            }
-        }
-        store.update(&places)?;
-        let content = |sector: usize| Ok((sector, store.content(sector)?));
-        let loaded = sectors.into_keys().map(content);
-        Ok(Self(loaded.collect::<Result<_, SimulationError>>()?))
+    pub(super) fn load(store: &GaussianStore, batch: &[Layers]) -> Result<Self, SimulationError> {
+        let places = batch.iter().map(|layers| {
+            let at_m = layers.request.world_from_camera.translation_m();
+            (layers.sector(), at_m)
+        });
+        let contents = store.contents(&places.collect::<Vec<_>>())?;
+        Ok(Self(contents))
     }
 
     pub(super) fn len(&self) -> usize {
@@ -91,13 +79,19 @@ impl Layers {
         self.fade.is_some()
     }
 
-    fn sectors(&self) -> impl Iterator<Item = usize> {
-        [
-            Some(self.sector()),
-            self.fade.as_ref().map(|fade| fade.sector),
-        ]
-        .into_iter()
-        .flatten()
+    /// # Errors
+    /// [`SimulationError::Setting`] for a motion that is too fast to be finite at a time against
+    /// that of the request, s.
+    pub(super) fn check(&self, config: &CameraConfig, time_s: f64) -> Result<(), SimulationError> {
+        if is_at_rest(&self.request) {
+            return Ok(());
+        }
+        let pose = pose_at(&self.request, time_s);
+        let scale = self
+            .fade
+            .as_ref()
+            .map_or(1.0, |fade| fade.there_from_here.scale());
+        camera(config, &self.request, &pose, scale.max(1.0), false).map(drop)
     }
 
     /// The image at a time against that of the request, s, with an exposure.
@@ -179,8 +173,7 @@ fn camera(
     };
     let camera = Camera::new(model, pose.inverse());
     let camera = camera.map_err(|error| refused(&error))?;
-    let is_at_rest = request.velocity_m_s == [0.0; 3] && request.rate_rad_s == [0.0; 3];
-    if config.shutter.line_s == 0.0 || is_at_rest {
+    if config.shutter.line_s == 0.0 || is_at_rest(request) {
         return Ok(camera);
     }
     let velocity_m_s = request.velocity_m_s.map(|v| v * scale);
@@ -190,6 +183,10 @@ fn camera(
     camera
         .with_shutter(shutter)
         .map_err(|error| refused(&error))
+}
+
+fn is_at_rest(request: &FrameRequest) -> bool {
+    request.velocity_m_s == [0.0; 3] && request.rate_rad_s == [0.0; 3]
 }
 
 /// The pose at a time against that of the request, s, at constant velocity and rate.

@@ -37,12 +37,25 @@ fn a_path_that_returns_is_followed_in_its_order() {
             true => [at, 0.04, 0.0],
             false => [20.0 - at, 0.01, 0.0],
         };
-        along_m = path.follow(position, along_m).unwrap().along_m;
+        along_m = path.follow(position, along_m, 0.1).unwrap().along_m;
         // Where it returns, both directions are within the window.
         if (at - 10.0).abs() < 0.8 {
             along_m = at;
         }
         assert!((along_m - at).abs() < 0.11, "{at} {along_m}");
+    }
+}
+
+#[test]
+fn long_steps_are_followed() {
+    let path = Path::new([[0.0; 3], [40.0, 0.0, 0.0]]);
+    let mut along_m = 0.0;
+    for step in 1..=20 {
+        // 1.8 m: more than the window of short steps.
+        let at_m = 1.8 * f64::from(step);
+        let position = path.follow([at_m, 0.1, 0.0], along_m, 1.8).unwrap();
+        along_m = position.along_m;
+        assert!((along_m - at_m).abs() < 1e-9 && position.cross_track_m < 0.11);
     }
 }
 
@@ -53,7 +66,7 @@ fn without_pieces_there_are_no_positions() {
         if path.is_empty() {
             assert_eq!(path.nearest([0.0; 3]), None);
             assert_eq!(path.at(0.0), None);
-            assert_eq!(path.follow([0.0; 3], 0.0), None);
+            assert_eq!(path.follow([0.0; 3], 0.0, 0.1), None);
         } else {
             assert_eq!(path.length_m(), 0.0);
         }

@@ -166,6 +166,16 @@ pub(super) fn open(folder: &Path, config: &BeogymConfig) -> Result<SceneData, Si
     SceneData::with_hash(&sequence.name, sectors, hash, missing)
 }
 
+/// Whether an array has the values of an occupancy map, some of each.
+fn is_occupancy(values: &[f64]) -> bool {
+    let known = || values.iter().filter(|value| value.is_finite());
+    let is_binary = known().all(|value| *value == 0.0 || *value == 1.0);
+    is_binary
+        && [0.0, 1.0]
+            .iter()
+            .all(|value| known().any(|known| known == value))
+}
+
 /// The map of a sector.
 fn level(
     folder: &Path,
@@ -182,6 +192,14 @@ fn level(
     };
     let elevation = folder.join(elevation);
     let heights = array(&read(&elevation)?, &elevation)?;
+    if is_occupancy(&heights.values) {
+        let found = "heights of 0 and 1 only".to_owned();
+        return Err(wrong(
+            &elevation,
+            found,
+            "heights in m, not an occupancy map",
+        ));
+    }
     // Rows of the array are along x.
     let grid = Grid {
         cell_m,

@@ -51,7 +51,8 @@ fn sectors_are_carried_into_a_world_with_z_up() {
     let folder = Folder::new();
     let scene = folder.open().unwrap();
     assert_eq!(scene.sectors.len(), 2);
-    assert!(scene.missing().is_empty(), "{:?}", scene.missing());
+    // Its transforms have no scale; nothing else is missing.
+    assert_eq!(scene.missing().len(), 1, "{:?}", scene.missing());
     let gaussians = scene.sectors[1].gaussians.as_ref().unwrap().load().unwrap();
     // By hand: R (0, 0, 2) + t = (12, -0.5, 3) in the LiDAR frame, (12, -3, -0.5) with z up.
     let expected = [12.0, -3.0, -0.5];
@@ -111,7 +112,7 @@ fn binary_and_ascii_maps_are_the_same() {
         testing::beogym::map("binary"),
     )
     .unwrap();
-    assert_eq!(ascii.hash, folder.open().unwrap().hash);
+    assert_eq!(ascii.hash(), folder.open().unwrap().hash());
     let error = folder.error("surfaceMap.pcd", &testing::beogym::map("binary_compressed"));
     assert!(error.contains("pcl_convert_pcd_ascii_binary"), "{error}");
     let half = testing::beogym::map("binary");
@@ -185,7 +186,7 @@ fn the_same_file_in_two_sectors_is_an_error() {
 }
 
 #[test]
-fn databases_and_pickles_are_refused_with_the_way_out() {
+fn databases_and_pickles_are_refused_with_a_remedy() {
     for name in [
         "sequence_graph.gpickle",
         "graph.pickle",
@@ -210,7 +211,46 @@ fn what_a_folder_lacks_is_listed() {
     fs::remove_file(folder.path().join("sec2/cameras.json")).unwrap();
     let scene = folder.open().unwrap();
     let missing: Vec<&str> = scene.missing().iter().map(|m| m.output.as_str()).collect();
-    assert_eq!(missing, ["cameras.json", "surfaceMap.pcd"]);
+    assert_eq!(
+        missing,
+        [
+            "cameras.json",
+            "surfaceMap.pcd",
+            "scale in transformation.txt"
+        ]
+    );
+}
+
+#[test]
+fn places_that_cannot_be_true_are_reported() {
+    let folder = Folder::new();
+    let path = folder.path();
+    fs::copy(
+        path.join("sec1/transformation.txt"),
+        path.join("sec2/transformation.txt"),
+    )
+    .unwrap();
+    let scene = folder.open().unwrap();
+    let last = &scene.missing()[1];
+    assert_eq!(
+        (last.place.as_str(), last.output.as_str()),
+        ("sec2", "transformation.txt of its own")
+    );
+    assert!(last.features.contains("that of sec1"), "{}", last.features);
+    // The second sector lies 100 m beyond the map.
+    let folder = tempfile::tempdir().unwrap();
+    testing::beogym::write(folder.path(), 100.0).unwrap();
+    let scene = SceneData::open_beogym(folder.path(), &BeogymConfig::default()).unwrap();
+    let last = &scene.missing()[1];
+    assert_eq!(
+        (last.place.as_str(), last.output.as_str()),
+        ("sec2", "map where it was recorded")
+    );
+    assert!(
+        last.features.contains("0 % of its camera poses"),
+        "{}",
+        last.features
+    );
 }
 
 /// A file of numpy.
@@ -281,7 +321,12 @@ fn generation_2_needs_what_its_arrays_do_not_say() {
     let lost = edge.replace("\"to\": 1", "\"to\": 9");
     let error = sequence(path, &sectors, &lost).unwrap_err().to_string();
     assert!(error.contains("an edge with the sector \"9\""), "{error}");
+    let flat: Vec<u8> = (0..12)
+        .map(|i| f64::from(i % 2))
+        .flat_map(f64::to_le_bytes)
+        .collect();
     for (content, expected) in [
+        (npy("<f8", [3, 4], &flat), "heights of 0 and 1 only"),
         (npy("|O", [3, 4], &[]), "a pickle"),
         (npy("<f8", [3, 5], &heights), "12 values of 3 x 5"),
         (npy("<c16", [3, 4], &heights), "type <c16"),

@@ -192,10 +192,10 @@ fn a_short_reach_shows_less() {
             0
         );
     }
-    assert_ne!(scene.hash, SceneData::open(&path).unwrap().hash);
+    assert_ne!(scene.hash(), SceneData::open(&path).unwrap().hash());
     assert_eq!(
-        scene.hash,
-        SceneData::open_with(&path, &config).unwrap().hash
+        scene.hash(),
+        SceneData::open_with(&path, &config).unwrap().hash()
     );
 }
 

@@ -94,7 +94,7 @@ fn recordings_are_sectors_with_edges_both_ways() {
     assert!((back.to_from_here.scale() - 1.0 / 1.02).abs() < 1e-12);
     // Another transform is another scene.
     let other = open(folder.path(), &EDGE.replace("1.02", "1.01")).unwrap();
-    assert_ne!(scene.hash, other.hash);
+    assert_ne!(scene.hash(), other.hash());
 }
 
 #[test]
@@ -134,10 +134,19 @@ fn damaged_files_and_edges_are_errors() {
             "a quaternion of length",
         ),
         (EDGE.replace("residual_m", "residual"), "unknown field"),
-        (EDGE.replace("0.004", "-1.0"), "edge from hall to yard"),
+        (
+            EDGE.replace("1.02", "10.2"),
+            "found a scale of 10.2, expected 1 within 0.02",
+        ),
+        (EDGE.replace("0.004", "-1.0"), "found a residual of -1 m"),
+        (EDGE.replace("0.004", "3.0"), "found a residual of 3 m"),
         (
             EDGE.replace("[6.0, 0.0]", "[9.0, 0.0]"),
             "edge from hall to yard",
+        ),
+        (
+            EDGE.replace("[8.0, 8.0]", "[8.0, -1.0]"),
+            "an overlap from [6.0, 0.0] to [8.0, -1.0]",
         ),
     ] {
         let error = open(folder.path(), &edges).unwrap_err();

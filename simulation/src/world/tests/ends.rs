@@ -145,6 +145,25 @@ fn provoke(scene: &Arc<SceneData>, reasons: &[EndReason], ends: EndConfig) -> Wo
     world
 }
 
+#[test]
+fn states_that_no_agent_has_are_physics_faults() {
+    let mut world = World::new(room(), config(1, Task::Velocity)).unwrap();
+    let far = AgentState {
+        position_m: [1e6, 0.0, 0.0],
+        ..AgentState::default()
+    };
+    let fast = AgentState {
+        velocity: [1e9, 0.0, 0.0],
+        ..AgentState::default()
+    };
+    for state in [far, fast] {
+        world.reset(None, None).unwrap();
+        world.place(0, 0, &state).unwrap();
+        world.step(&[0.0, 0.0]).unwrap();
+        assert_eq!(world.result().end_reasons[0], EndReason::PhysicsFault as i8);
+    }
+}
+
 /// Steps, and checks reason, flags and the final observation.
 fn check(scene: &Arc<SceneData>, reasons: &[EndReason], ends: EndConfig) {
     let mut world = provoke(scene, reasons, ends);

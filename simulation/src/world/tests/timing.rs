@@ -186,6 +186,19 @@ fn an_agent_that_is_placed_is_captured_in_motion() {
     }
 }
 
+/// The queue advances with steps alone: a played pose would be seen with the image of another.
+#[test]
+fn a_recorded_pose_is_not_played_beside_a_timing() {
+    let mut config = config(1, Task::Velocity);
+    config.timing = late(0.3);
+    let mut world = World::new(room(), config).unwrap();
+    world.reset(None, None).unwrap();
+    let before = world.states()[0];
+    let error = world.play(0, 0).unwrap_err();
+    assert!(error.to_string().contains("play"), "{error}");
+    assert_eq!(world.states()[0], before);
+}
+
 #[test]
 fn mount_and_timing_are_those_of_a_camera() {
     let mut camera = CameraConfig::pinhole([32, 24], 1.5).unwrap();

@@ -173,7 +173,7 @@ fn non_increasing_timestamp_is_dropped() {
 
 #[test]
 fn disconnect_of_one_camera_stops_the_pair_until_it_reconnects() {
-    let disconnected = Sample::Disconnected(Disconnected {
+    let disconnected = Sample::Disconnected(Disconnect {
         host_time: HostTime(0),
         part: DevicePart::Camera,
         detail: "unplugged".to_owned(),

@@ -69,11 +69,11 @@ impl Mode {
 /// A scene that cannot be rendered.
 pub(super) fn measure(recorded: Option<&Arc<SceneData>>, quick: bool) -> Result<Value> {
     let imported = SyntheticScene::corridor_loop_with(SPACING_M)?.scene;
-    let mut own = SceneData::clone(&imported);
-    for edge in own.sectors.iter_mut().flat_map(|own| &mut own.edges) {
+    let mut sectors = imported.sectors.clone();
+    for edge in sectors.iter_mut().flat_map(|own| &mut own.edges) {
         edge.is_imported = false;
     }
-    let own = Arc::new(own);
+    let own = Arc::new(SceneData::new(&imported.name, sectors)?);
     let mut jobs = Vec::new();
     for (mode, scene, laps) in [
         (Mode::Prefetched, &own, 4),
@@ -154,7 +154,7 @@ fn times(scene: &Arc<SceneData>, mode: Mode, steps: &[Step]) -> Result<Value> {
             Ok(camera.render(&[request], &mut frames)?)
         });
         time.cpu_s = thread_cpu_s() - cpu_s;
-        let is_faded = report?.faded > 0;
+        let is_faded = report?.cross_faded_frames > 0;
         // The first frame of all loads its sector.
         if number == 0 {
             continue;

@@ -23,7 +23,7 @@ const TRUNCATION_VOXELS: f64 = 4.0;
 const MAX_DEPTH_M: f64 = 8.0;
 
 /// A mesh and the time of its fusion.
-pub(super) struct Fused {
+pub(super) struct MeshFusion {
     pub(super) name: String,
     pub(super) timing: Timing,
     pub(super) mesh: Mesh,
@@ -55,7 +55,7 @@ impl Timing {
 ///
 /// # Errors
 /// No interpreter with Open3D, or one that fails.
-pub(super) fn race(frames: &[DepthFrame], repeats: usize) -> Result<(Vec<Fused>, String)> {
+pub(super) fn race(frames: &[DepthFrame], repeats: usize) -> Result<(Vec<MeshFusion>, String)> {
     let mut usual = FusionConfig::default();
     usual.voxel_m = VOXEL_M;
     let mut equal = usual;
@@ -89,10 +89,10 @@ pub(super) fn race(frames: &[DepthFrame], repeats: usize) -> Result<(Vec<Fused>,
             }
         }
     }
-    let mut found: Vec<Fused> = configs
+    let mut found: Vec<MeshFusion> = configs
         .iter()
         .zip(ours)
-        .map(|((name, _), (times, mesh))| Fused {
+        .map(|((name, _), (times, mesh))| MeshFusion {
             name: (*name).to_owned(),
             timing: Timing::of(&times),
             mesh: mesh.unwrap_or_default(),
@@ -100,7 +100,7 @@ pub(super) fn race(frames: &[DepthFrame], repeats: usize) -> Result<(Vec<Fused>,
         .collect();
     for (name, times) in theirs {
         let files = &answer["methods"][&name]["files"];
-        found.push(Fused {
+        found.push(MeshFusion {
             timing: Timing::of(&times),
             mesh: read_mesh(folder.path(), files)?,
             name: format!("Open3D {name}"),

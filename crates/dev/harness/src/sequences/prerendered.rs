@@ -9,12 +9,12 @@ use super::OwnedFrameSet;
 
 /// The images of one camera, by frame number, without color.
 #[derive(Clone, Debug)]
-pub(super) struct Prerendered {
+pub(super) struct PrerenderedFrames {
     pub(super) sets: Arc<Vec<OwnedFrameSet>>,
     pub(super) camera: usize,
 }
 
-impl FrameSource for Prerendered {
+impl FrameSource for PrerenderedFrames {
     fn render_frame(&mut self, number: u64, time_ns: i64) -> StereoFrame {
         let view = self.sets[number as usize].views[self.camera].as_ref();
         let view = view.expect("only complete sets are used");

@@ -24,7 +24,7 @@ use rig_sim::faults::Faults;
 use rig_sim::scene::{Kind, Lighting};
 use rig_sim::simulation::{FrameSource, Imaging, Settings, Simulation, StereoFrame};
 
-use super::prerendered::Prerendered;
+use super::prerendered::PrerenderedFrames;
 use super::{ImageSource, OwnedFrameSet, PlannedSet, Reader, Sequence, Truth};
 
 /// Default rig of walks.
@@ -309,7 +309,7 @@ impl Walk {
         let mut device = match &self.prerendered {
             None => Device::rendered(&self.simulation, camera.position, faults),
             Some(sets) => {
-                let painter = Prerendered {
+                let painter = PrerenderedFrames {
                     sets: sets.clone(),
                     camera: camera.number,
                 };

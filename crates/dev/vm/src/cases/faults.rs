@@ -82,7 +82,7 @@ struct Fault {
 }
 
 /// Result of a run.
-struct Left {
+struct FaultRun {
     fault: Fault,
     job: PathBuf,
     sessions: Vec<Account>,
@@ -124,7 +124,7 @@ mkdir sessions && cp -r /run/archive/*-* sessions/
 
 impl Fault {
     /// Runs the recording with the fault.
-    fn happen(&self, bench: &Bench) -> Result<Left> {
+    fn happen(&self, bench: &Bench) -> Result<FaultRun> {
         let job = bench.folder("job")?;
         fs::write(job.join("pawsd.toml"), config::devices(true))?;
         let on_disk = if self.on_disk { "1" } else { "" };
@@ -137,21 +137,21 @@ impl Fault {
             .virtual_time()
             .run(&bench.machine, Duration::from_secs(1800));
         ended?.success()?;
-        let left = Left {
+        let left = FaultRun {
             fault: *self,
             sessions: Account::read_all(&job.join("sessions"))?,
             status: Value::Null,
             job,
         };
         let status = serde_json::from_str(&left.file("status.json")?);
-        Ok(Left {
+        Ok(FaultRun {
             status: status.context("reading status.json")?,
             ..left
         })
     }
 }
 
-impl Left {
+impl FaultRun {
     /// A file that the script wrote.
     fn file(&self, name: &str) -> Result<String> {
         let path = self.job.join(name);

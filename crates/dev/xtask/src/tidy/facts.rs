@@ -9,6 +9,7 @@ use super::size;
 use super::source::{Kind, Source, Token, lex};
 use super::strings;
 use super::test_code::{self, TestCode};
+use super::type_names;
 use super::width;
 
 /// Words and hits of the patterns.
@@ -24,6 +25,8 @@ pub(crate) struct Facts {
     pub(crate) comments: Texts,
     /// Of files of Rust only.
     pub(crate) wide_comments: Vec<Place>,
+    /// Types whose name is a participle, in files of Rust.
+    pub(crate) participles: Vec<Place>,
     /// Paths without extension of the modules that it declares for tests only.
     pub(crate) test_modules: Vec<String>,
     /// What does not count where the file is for tests; `None` where its path says so, and for a
@@ -78,6 +81,7 @@ pub(crate) fn of(file: &File, package: &str, patterns: &Patterns) -> Facts {
         return facts;
     }
     facts.wide_comments = width::wide_comments(file, &source.comments);
+    facts.participles = type_names::participles(&file.path, &source.code);
     let tests = test_code::find(&source.code);
     let modules = tests.modules.iter();
     facts.test_modules = modules

@@ -23,6 +23,9 @@ pub(crate) fn measures(survey: &Survey) -> Vec<Measure> {
         &survey.markdown.hits,
     ));
     measures.push(fall("chart-words", Some(CHARTS), &survey.charts.hits));
+    let participles = survey.crates.iter().flat_map(|c| &c.participles);
+    let participles: Vec<Place> = participles.cloned().collect();
+    measures.push(fall("type-name-participles", None, &participles));
     let over: Vec<Place> = survey.crates.iter().filter_map(over_limit).collect();
     measures.push(fall("crates-over-limit", None, &over));
     for breaches in &survey.breaches {
@@ -142,7 +145,7 @@ mod tests {
                 "use crate::b::B; fn f() { g(\"is told\") }",
             ),
             ("calib/src/b.rs", "use crate::a::A;"),
-            ("calib/src/c.rs", "use crate::d::D;"),
+            ("calib/src/c.rs", "use crate::d::D; struct Seen;"),
             ("calib/src/d.rs", "use crate::e::E;"),
             ("calib/src/e.rs", "use crate::c::C;"),
             ("calib/src/wide.rs", &format!("// {}", "wide ".repeat(20))),
@@ -163,6 +166,7 @@ mod tests {
             ("public-items lens", None),
             ("markdown-words", Some(1)),
             ("chart-words", Some(0)),
+            ("type-name-participles", Some(1)),
             ("crates-over-limit", Some(1)),
             ("breaches program-on-program", Some(0)),
             ("packages-without-layer", Some(1)),

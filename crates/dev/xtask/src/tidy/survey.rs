@@ -40,6 +40,7 @@ pub(crate) struct Crate {
     pub(crate) comments: Texts,
     pub(crate) strings: Vec<Place>,
     pub(crate) wide_comments: Vec<Place>,
+    pub(crate) participles: Vec<Place>,
     pub(crate) long_files: Vec<Place>,
     pub(crate) long_functions: Vec<Place>,
     /// The largest first.
@@ -153,6 +154,7 @@ fn of_package(package: &Package, files: Vec<(&File, Facts)>) -> Crate {
         counts.comments.words += facts.comments.words;
         counts.comments.hits.extend(facts.comments.hits);
         counts.wide_comments.extend(facts.wide_comments);
+        counts.participles.extend(facts.participles);
         let Some(code) = facts.code else {
             continue;
         };

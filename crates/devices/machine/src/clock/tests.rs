@@ -34,7 +34,7 @@ fn a_clock_that_goes_on_is_no_event() {
 }
 
 #[test]
-fn steps_are_told_once_with_their_size() {
+fn steps_are_reported_once_with_their_size() {
     let hour = 3600 * NS_PER_S;
     let check = |by_ns: i64| {
         let readings = [

@@ -62,12 +62,12 @@ impl Step {
 /// step time passes to the end of each wait; a wait for ever, or for a return that does not come,
 /// is a real one.
 #[derive(Clone, Debug)]
-pub(crate) struct Scripted {
+pub(crate) struct ScriptedButton {
     time: Time,
     steps: Arc<Mutex<VecDeque<Step>>>,
 }
 
-impl Scripted {
+impl ScriptedButton {
     /// Plays `steps`, which are in order of time, on `time`.
     pub(crate) fn new(time: Time, steps: impl IntoIterator<Item = Step>) -> Self {
         Self {
@@ -106,7 +106,7 @@ impl Scripted {
     }
 }
 
-impl Port for Scripted {
+impl Port for ScriptedButton {
     fn open(&mut self) -> Result<Box<dyn Button>, DeviceError> {
         if let Some(Step::Back { at_ns }) = self.peek() {
             if at_ns > self.time.now_ns() {
@@ -133,7 +133,7 @@ impl Port for Scripted {
     }
 }
 
-impl Button for Scripted {
+impl Button for ScriptedButton {
     fn next(&mut self, timeout: Option<Duration>, waker: &Waker) -> Result<Next, DeviceError> {
         match self.step(timeout) {
             Some(Step::Edge(edge)) => Ok(Next::Edge(edge)),

@@ -200,7 +200,7 @@ fn a_press_on_trial_at_the_end_of_the_window_still_marks() {
 }
 
 #[test]
-fn a_stuck_button_is_told_once_and_ignored_until_released() {
+fn a_stuck_button_is_reported_once_and_ignored_until_released() {
     assert_eq!(
         commands(true, &[(0, 60_000), (61_000, 61_100)], 70_000),
         [

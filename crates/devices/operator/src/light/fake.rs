@@ -8,13 +8,13 @@ use crate::pattern::LightState;
 
 /// A light whose states can be received elsewhere.
 #[derive(Debug)]
-pub(crate) struct Recorded {
+pub(crate) struct RecordingLight {
     shown: SyncSender<LightState>,
     /// How many of the next calls fail.
     failures: usize,
 }
 
-impl Recorded {
+impl RecordingLight {
     /// A light that fails the first `failures` times, and what it showed, failures included. Holds
     /// 1024 states that nobody has received; more are an error.
     pub(crate) fn new(failures: usize) -> (Self, Receiver<LightState>) {
@@ -23,7 +23,7 @@ impl Recorded {
     }
 }
 
-impl Light for Recorded {
+impl Light for RecordingLight {
     fn show(&mut self, state: LightState) -> io::Result<()> {
         self.shown.try_send(state).map_err(io::Error::other)?;
         if self.failures > 0 {

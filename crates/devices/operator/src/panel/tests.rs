@@ -2,7 +2,7 @@ use std::time::Duration;
 
 use super::*;
 use crate::NS_PER_MS;
-use crate::light::fake::Recorded;
+use crate::light::fake::RecordingLight;
 use crate::pattern::Colour;
 use crate::signal::Warning;
 
@@ -98,8 +98,8 @@ fn next(looks: &std::sync::mpsc::Receiver<LightState>) -> Colour {
 }
 
 #[test]
-fn a_panel_shows_what_it_is_told_and_ends_dark() {
-    let (light, looks) = Recorded::new(0);
+fn a_panel_shows_its_state_and_ends_dark() {
+    let (light, looks) = RecordingLight::new(0);
     let time = crate::button::fake::Time::default();
     let panel = Panel::start(time.clock(), vec![Box::new(light)], Vec::new()).unwrap();
     assert_eq!(next(&looks), Colour::Blue);
@@ -117,8 +117,8 @@ fn a_panel_shows_what_it_is_told_and_ends_dark() {
 
 #[test]
 fn a_failing_light_is_tried_again_and_does_not_disturb_the_other() {
-    let (bad, bad_looks) = Recorded::new(2);
-    let (good, good_looks) = Recorded::new(0);
+    let (bad, bad_looks) = RecordingLight::new(2);
+    let (good, good_looks) = RecordingLight::new(0);
     let clock: Clock = Arc::new(|| 0);
     let panel = Panel::start(clock, vec![Box::new(bad), Box::new(good)], Vec::new()).unwrap();
     assert_eq!(next(&good_looks), Colour::Blue);

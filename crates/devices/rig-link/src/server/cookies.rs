@@ -29,7 +29,7 @@ const ID_HEX_DIGITS: usize = 32;
 #[derive(Debug)]
 pub(super) struct Cookies {
     key: [u8; 32],
-    ended: Mutex<Ended>,
+    ended: Mutex<InvalidCookies>,
     /// File with the list.
     path: Option<PathBuf>,
     /// Locked while the file is written.
@@ -37,7 +37,7 @@ pub(super) struct Cookies {
 }
 
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-struct Ended {
+struct InvalidCookies {
     /// Empty until the first change of generation.
     generation: String,
     ids: BTreeSet<String>,
@@ -47,7 +47,7 @@ impl Cookies {
     /// The cookies of this token; the list of ended ones is in the file `path`, which need not
     /// exist yet.
     pub(super) fn new(token: &Token, path: Option<&Path>) -> Self {
-        let ended = path.map_or_else(Ended::default, Ended::read);
+        let ended = path.map_or_else(InvalidCookies::default, InvalidCookies::read);
         Self {
             key: token.cookie_key(),
             ended: Mutex::new(ended),
@@ -56,7 +56,7 @@ impl Cookies {
         }
     }
 
-    fn ended(&self) -> MutexGuard<'_, Ended> {
+    fn ended(&self) -> MutexGuard<'_, InvalidCookies> {
         self.ended.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
@@ -72,7 +72,7 @@ impl Cookies {
     }
 
     /// The identifier of a valid cookie.
-    fn valid_id<'a>(&self, ended: &Ended, cookie: &'a str) -> Option<&'a str> {
+    fn valid_id<'a>(&self, ended: &InvalidCookies, cookie: &'a str) -> Option<&'a str> {
         let (id, code) = cookie.split_once('.')?;
         let code = blake3::Hash::from_hex(code).ok()?;
         // Hashes are compared in constant time.
@@ -93,7 +93,7 @@ impl Cookies {
         };
         match random_id() {
             Some(generation) if ended.ids.len() >= MAX_ENDED => {
-                *ended = Ended {
+                *ended = InvalidCookies {
                     generation,
                     ids: BTreeSet::new(),
                 };
@@ -129,7 +129,7 @@ impl Cookies {
     }
 }
 
-impl Ended {
+impl InvalidCookies {
     fn read(path: &Path) -> Self {
         let found = match plain_file::read_to_string(path, plain_file::TEXT_LIMIT) {
             Ok(text) => Self::parse(&text).ok_or("damaged".to_owned()),
@@ -283,6 +283,6 @@ mod tests {
         assert!(!cookies.is_valid(&kept), "all have ended");
         assert!(cookies.is_valid(&cookies.issue().unwrap()));
         let text = cookies.ended().to_text();
-        assert_eq!(Ended::parse(&text).unwrap(), *cookies.ended());
+        assert_eq!(InvalidCookies::parse(&text).unwrap(), *cookies.ended());
     }
 }

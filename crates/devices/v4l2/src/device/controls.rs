@@ -73,7 +73,7 @@ pub struct MenuItem {
 
 /// A value that a camera did not take.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct NotTaken {
+pub struct RejectedValue {
     /// The control.
     pub id: u32,
     /// What was written.
@@ -84,7 +84,7 @@ pub struct NotTaken {
     pub why: Option<String>,
 }
 
-impl fmt::Display for NotTaken {
+impl fmt::Display for RejectedValue {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "control {:#x}: wrote {}, ", self.id, self.asked)?;
         match self.found {
@@ -226,7 +226,10 @@ impl Camera {
     ///
     /// # Errors
     /// [`Gone`](CameraError::Gone). All else is in the list.
-    pub fn write_and_check(&self, values: &[(u32, i64)]) -> Result<Vec<NotTaken>, CameraError> {
+    pub fn write_and_check(
+        &self,
+        values: &[(u32, i64)],
+    ) -> Result<Vec<RejectedValue>, CameraError> {
         let mut said = Vec::with_capacity(values.len());
         for (id, value) in values {
             said.push(self.survived(*id, self.write_control(*id, *value))?.err());
@@ -246,7 +249,7 @@ impl Camera {
             if said[i].is_none() && (found == Some(*asked) || !readable) {
                 continue;
             }
-            not_taken.push(NotTaken {
+            not_taken.push(RejectedValue {
                 id: *id,
                 asked: *asked,
                 found,
@@ -360,7 +363,7 @@ mod tests {
 
     #[test]
     fn what_was_not_taken() {
-        let mut not_taken = NotTaken {
+        let mut not_taken = RejectedValue {
             id: 0x0098_0913,
             asked: 300,
             found: Some(100),

@@ -98,8 +98,8 @@ impl Machine {
     }
 }
 
-fn usb(serial: Option<&str>) -> Wanted {
-    Wanted::Usb {
+fn usb(serial: Option<&str>) -> NodeSelector {
+    NodeSelector::Usb {
         vendor: 0x2b03,
         product: 0xf682,
         serial: serial.map(str::to_owned),
@@ -162,7 +162,7 @@ fn nodes_that_cannot_be_asked() {
             .all(|n| matches!(n.captures, Err(CameraError::NotACamera { .. })))
     );
     // The first node of the camera, whose opening then says why.
-    let node = find(&nodes, &Wanted::Path(machine.dev().join("video10"))).unwrap();
+    let node = find(&nodes, &NodeSelector::Path(machine.dev().join("video10"))).unwrap();
     assert_eq!(node.index, 0);
 }
 
@@ -170,7 +170,7 @@ fn nodes_that_cannot_be_asked() {
 fn the_one_that_was_meant() {
     let machine = Machine::rig();
     let nodes = machine.list();
-    let number = |wanted: &Wanted| {
+    let number = |wanted: &NodeSelector| {
         let found = find(&nodes, wanted).map(|n| n.path.clone());
         found.map(|p| p.file_name().unwrap().to_str().unwrap().to_owned())
     };
@@ -188,14 +188,14 @@ fn the_one_that_was_meant() {
     fs::create_dir_all(&by_path).unwrap();
     let link = by_path.join("pci-0000:00:14.0-usb-0:1.3:1.0-video-index0");
     symlink("../../video10", &link).unwrap();
-    assert_eq!(number(&Wanted::Path(link)).unwrap(), "video10");
+    assert_eq!(number(&NodeSelector::Path(link)).unwrap(), "video10");
     assert_eq!(
-        number(&Wanted::Path(machine.dev().join("video0"))).unwrap(),
+        number(&NodeSelector::Path(machine.dev().join("video0"))).unwrap(),
         "video0"
     );
     // One that is there and captures nothing, and one that is not there.
     for name in ["video11", "video7"] {
-        let error = number(&Wanted::Path(machine.dev().join(name))).unwrap_err();
+        let error = number(&NodeSelector::Path(machine.dev().join(name))).unwrap_err();
         assert!(matches!(error, FindError::NotThere { .. }));
     }
 }
@@ -208,7 +208,7 @@ fn names_of_cameras() {
         "usb:2b03:f682",
         "usb:2b03:f682:A:B",
     ] {
-        assert_eq!(text.parse::<Wanted>().unwrap().to_string(), text);
+        assert_eq!(text.parse::<NodeSelector>().unwrap().to_string(), text);
     }
     assert_eq!("usb:2b03:f682:A:B".parse(), Ok(usb(Some("A:B"))));
     for bad in [
@@ -220,7 +220,7 @@ fn names_of_cameras() {
         "usb:2b03:f682:",
         "usb:+b03:f682",
     ] {
-        let error = bad.parse::<Wanted>().unwrap_err();
+        let error = bad.parse::<NodeSelector>().unwrap_err();
         assert_eq!(error, NoCamera { found: bad.into() }, "{bad}");
     }
 }

@@ -13,7 +13,7 @@ pub struct FrameInfo {
     /// Whose clock that is.
     pub clock: Clock,
     /// What it is the time of.
-    pub stamped: Stamped,
+    pub stamped: TimestampSource,
     /// Length of the frame, bytes.
     pub bytes_used: usize,
     /// The driver says that the frame may be damaged.
@@ -35,7 +35,7 @@ pub enum Clock {
 
 /// What a time stamp is the time of.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Stamped {
+pub enum TimestampSource {
     /// The last byte of the frame has arrived; also what drivers say that know nothing better.
     EndOfFrame,
     /// The exposure began. By a USB camera's driver this is when the frame's first packet arrived.
@@ -68,9 +68,9 @@ impl FrameInfo {
                 _ => Clock::Unknown,
             },
             stamped: match buffer.flags & SOURCE {
-                0 => Stamped::EndOfFrame,
-                0x1_0000 => Stamped::StartOfExposure,
-                _ => Stamped::Other,
+                0 => TimestampSource::EndOfFrame,
+                0x1_0000 => TimestampSource::StartOfExposure,
+                _ => TimestampSource::Other,
             },
             bytes_used,
             corrupt: buffer.flags & ERROR != 0 || buffer.bytes_used as usize > capacity,
@@ -106,7 +106,7 @@ mod tests {
                 sequence: 7,
                 time_ns: 31_536_000_999_999_000,
                 clock: Clock::Monotonic,
-                stamped: Stamped::StartOfExposure,
+                stamped: TimestampSource::StartOfExposure,
                 bytes_used: 100,
                 corrupt: false,
                 short: false,
@@ -115,10 +115,13 @@ mod tests {
         let info = FrameInfo::of(&buffer(0x4041, 100), 100, Some(100));
         assert_eq!(
             (info.clock, info.stamped, info.corrupt),
-            (Clock::Copied, Stamped::EndOfFrame, true)
+            (Clock::Copied, TimestampSource::EndOfFrame, true)
         );
         let info = FrameInfo::of(&buffer(0x2_6000, 100), 100, Some(100));
-        assert_eq!((info.clock, info.stamped), (Clock::Unknown, Stamped::Other));
+        assert_eq!(
+            (info.clock, info.stamped),
+            (Clock::Unknown, TimestampSource::Other)
+        );
     }
 
     #[test]

@@ -7,7 +7,7 @@ use super::line::{Line, Point};
 
 /// What a count says.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Seen {
+pub(super) enum CountCheck {
     /// It goes on.
     Fits,
     /// It has restarted, or no longer counts the same events.
@@ -44,7 +44,7 @@ impl Track {
     }
 
     /// Takes a count, and when its event was if it is known.
-    pub(super) fn count(&mut self, count: u32, time: Option<i64>) -> Seen {
+    pub(super) fn count(&mut self, count: u32, time: Option<i64>) -> CountCheck {
         let Some((before, unwrapped)) = self.newest else {
             // What was counted before is not a loss, nor is an event whose count was not seen to
             // change.
@@ -54,34 +54,34 @@ impl Track {
                 let n = i64::from(count);
                 self.points.push_back(Point { n, y });
             }
-            return Seen::Fits;
+            return CountCheck::Fits;
         };
         let ahead = count.wrapping_sub(before);
         if ahead == 0 {
-            return Seen::Fits;
+            return CountCheck::Fits;
         }
         if ahead > self.config.max_count_step {
-            return Seen::Slipped;
+            return CountCheck::Slipped;
         }
         let n = unwrapped + i64::from(ahead);
         self.newest = Some((count, n));
         self.missed += u64::from(ahead) - u64::from(time.is_some());
         let Some(y) = time else {
-            return Seen::Fits;
+            return CountCheck::Fits;
         };
         self.seen += 1;
         if let Some((line, far)) = &self.expected {
             let is_off = line.above(y, n as f64).abs() > *far;
             self.off = if is_off { self.off + 1 } else { 0 };
             if self.off >= self.config.max_outliers {
-                return Seen::Slipped;
+                return CountCheck::Slipped;
             }
         }
         self.points.push_back(Point { n, y });
         if self.points.len() > self.config.window {
             self.points.pop_front();
         }
-        Seen::Fits
+        CountCheck::Fits
     }
 
     /// Events are expected on this line, give or take `far` ns.
@@ -120,7 +120,7 @@ mod tests {
     fn counters_wrap_and_holes_are_counted() {
         let mut track = Track::new(&FrameSyncConfig::default());
         for (k, count) in [u32::MAX - 1, u32::MAX, 1, 2, 5].into_iter().enumerate() {
-            assert_eq!(track.count(count, Some(k as i64)), Seen::Fits);
+            assert_eq!(track.count(count, Some(k as i64)), CountCheck::Fits);
         }
         let n: Vec<i64> = track
             .points()
@@ -133,6 +133,6 @@ mod tests {
         track.count(6, None);
         track.count(6, None);
         assert_eq!((track.seen(), track.missed()), (5, 4));
-        assert_eq!(track.count(0, Some(9)), Seen::Slipped);
+        assert_eq!(track.count(0, Some(9)), CountCheck::Slipped);
     }
 }

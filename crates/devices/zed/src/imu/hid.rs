@@ -15,7 +15,7 @@ use crate::camera::{Model, VENDOR};
 
 /// A microcontroller that is plugged in.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Found {
+pub struct HidDevice {
     /// Of which camera.
     pub model: Model,
     /// The camera's serial number, where the device tells one.
@@ -47,7 +47,7 @@ pub struct HidLink {
 ///
 /// # Errors
 /// The system does not tell.
-pub fn list() -> Result<Vec<Found>, OpenError> {
+pub fn list() -> Result<Vec<HidDevice>, OpenError> {
     let failed = |error: HidError| OpenError::Io {
         reason: error.to_string(),
         path: "/sys/class/hidraw".into(),
@@ -60,7 +60,7 @@ pub fn list() -> Result<Vec<Found>, OpenError> {
             return None;
         }
         let release = info.release_number();
-        Some(Found {
+        Some(HidDevice {
             model: Model::of_imu(info.product_id())?,
             serial: info
                 .serial_number()
@@ -70,7 +70,7 @@ pub fn list() -> Result<Vec<Found>, OpenError> {
             path: info.path().to_string_lossy().into_owned(),
         })
     };
-    let mut all: Vec<Found> = api.device_list().filter_map(found).collect();
+    let mut all: Vec<HidDevice> = api.device_list().filter_map(found).collect();
     // A device appears once for each collection in its descriptor.
     all.sort_by(|a, b| a.path.cmp(&b.path));
     all.dedup_by(|a, b| a.path == b.path);
@@ -79,12 +79,12 @@ pub fn list() -> Result<Vec<Found>, OpenError> {
 
 impl HidPort {
     /// The one that is meant, among those that are there.
-    fn choose(&self, there: &[Found]) -> Result<Found, OpenError> {
-        let fits = |f: &&Found| {
+    fn choose(&self, there: &[HidDevice]) -> Result<HidDevice, OpenError> {
+        let fits = |f: &&HidDevice| {
             self.model.is_none_or(|model| f.model == model)
                 && (self.serial.is_none() || f.serial == self.serial)
         };
-        let fitting: Vec<&Found> = there.iter().filter(fits).collect();
+        let fitting: Vec<&HidDevice> = there.iter().filter(fits).collect();
         match fitting[..] {
             [one] => Ok(one.clone()),
             [] => Err(OpenError::NotFound {
@@ -107,8 +107,8 @@ impl HidPort {
     }
 }
 
-fn describe(found: &[&Found]) -> String {
-    let one = |f: &&Found| {
+fn describe(found: &[&HidDevice]) -> String {
+    let one = |f: &&HidDevice| {
         let serial = f.serial.as_deref().unwrap_or("without a serial number");
         format!("{} {serial} at {}", f.model.name(), f.path)
     };
@@ -180,8 +180,8 @@ impl Link for HidLink {
 mod tests {
     use super::*;
 
-    fn found(model: Model, serial: Option<&str>, path: &str) -> Found {
-        Found {
+    fn found(model: Model, serial: Option<&str>, path: &str) -> HidDevice {
+        HidDevice {
             model,
             serial: serial.map(str::to_owned),
             firmware: None,

@@ -7,7 +7,7 @@ const MS: i64 = 1_000_000;
 
 /// What was seen until `until`, ns after the start: events other than samples with the time in ms,
 /// and the numbers.
-struct Seen {
+struct DriverRun {
     events: Vec<(i64, Event)>,
     numbers: Vec<u64>,
     counters: Counters,
@@ -15,7 +15,7 @@ struct Seen {
 }
 
 /// Runs the driver in a world; a device that is disconnected is looked for every 100 ms.
-fn run(world: &Rc<World>, until: i64) -> Seen {
+fn run(world: &Rc<World>, until: i64) -> DriverRun {
     let start = world.now.get();
     let clock = || world.now.get();
     let mut imu = Imu::open(FakePort(world.clone()), start).expect("it is there");
@@ -36,7 +36,7 @@ fn run(world: &Rc<World>, until: i64) -> Seen {
             }
         }
     }
-    Seen {
+    DriverRun {
         events,
         numbers,
         counters: imu.counters(),
@@ -45,7 +45,7 @@ fn run(world: &Rc<World>, until: i64) -> Seen {
 }
 
 /// The times of events without what they say.
-fn names(seen: &Seen) -> Vec<(i64, &'static str)> {
+fn names(seen: &DriverRun) -> Vec<(i64, &'static str)> {
     let name = |(at, event): &(i64, Event)| {
         let name = match event {
             Event::Silent { .. } => "silent",
@@ -96,7 +96,7 @@ fn the_stream_is_pinged_each_second_and_stopped_at_the_end() {
 }
 
 #[test]
-fn a_silent_device_is_told_of_and_started_again() {
+fn a_silent_device_is_reported_and_started_again() {
     let world = world(800, &[Fault::Stopped(105 * S)]);
     let seen = run(&world, 10 * S);
     assert_eq!(names(&seen), [(5498, "silent"), (5498, "restarted")]);
@@ -192,7 +192,7 @@ fn refused_pings_end_the_stream_and_the_watchdog_brings_it_back() {
 }
 
 #[test]
-fn a_read_that_is_no_report_is_told_of_and_passed() {
+fn a_read_that_is_no_report_is_counted_and_skipped() {
     let world = world(800, &[Fault::Garbage(101 * S)]);
     let seen = run(&world, 2 * S);
     assert_eq!(names(&seen), [(1000, "malformed")]);

@@ -133,7 +133,7 @@ mod tests {
     }
 
     #[test]
-    fn silence_is_told_once_and_acted_upon_again_and_again() {
+    fn silence_is_reported_once_and_acted_upon_again_and_again() {
         let mut dog = Watchdog::new(0);
         let done = silence(&mut dog, 3_600_000_000);
         let acts: Vec<_> = done

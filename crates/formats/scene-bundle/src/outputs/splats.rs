@@ -10,7 +10,7 @@
 mod coverage;
 mod record;
 
-pub use coverage::{SplatCoverageContent, SplatObserved, SplatSpaceBlock, read_coverage};
+pub use coverage::{SplatCoverageContent, SplatObservation, SplatSpaceBlock, read_coverage};
 pub use record::{
     HeldOut, SplatBackground, SplatCheck, SplatCoverage, SplatNeighbor, SplatScene, SplatSector,
     SplatShutter, SplatTraining, SplatView,

@@ -115,7 +115,7 @@ fn scene() -> SplatScene {
 
 /// What was seen of five Gaussians in each of some sectors: nothing of the first one.
 fn coverage(sectors: usize) -> SplatCoverageContent {
-    let seen = (0..5).map(|i| SplatObserved {
+    let seen = (0..5).map(|i| SplatObservation {
         instants: 3 * i,
         directions: u64::from(i) << 40,
         finest_m: 0.01 * i as f32,

@@ -4,7 +4,7 @@
 //! order, and its number is not missing. No gap record is due for it.
 
 use super::ranges::{subtract, union};
-use super::report::{Lost, StreamReport};
+use super::report::{LostSamples, StreamReport};
 use crate::manifest::Extent;
 use crate::time::HostTime;
 
@@ -75,7 +75,7 @@ impl Numbers {
 
     /// Subtracts the gap records from the missing numbers; returns the losses that no gap record
     /// explains.
-    pub(super) fn settle(self, name: &str) -> (StreamReport, Vec<Lost>) {
+    pub(super) fn settle(self, name: &str) -> (StreamReport, Vec<LostSamples>) {
         let gaps = union(self.gaps);
         let present = by_number(self.runs);
         let mut report = self.report;
@@ -98,7 +98,7 @@ impl Numbers {
             unsampled = unsampled.saturating_add(count(from, to));
             for (a, b) in subtract((from, to), &gaps) {
                 report.lost = report.lost.saturating_add(count(a, b));
-                lost.push(Lost {
+                lost.push(LostSamples {
                     stream: name.to_owned(),
                     first: a,
                     last: b,

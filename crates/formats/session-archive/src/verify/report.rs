@@ -9,7 +9,7 @@ use crate::time::HostTime;
 
 /// Consecutive samples that are missing without a gap record.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Lost {
+pub struct LostSamples {
     /// The stream, as gap records name it.
     pub stream: String,
     /// First missing number.
@@ -92,7 +92,7 @@ pub struct Report {
     /// The numbered streams: cameras and IMUs.
     pub streams: BTreeMap<String, StreamReport>,
     /// Samples missing without a gap record, by time.
-    pub lost: Vec<Lost>,
+    pub lost: Vec<LostSamples>,
     /// Segments that ended without a summary although nothing is damaged: cut off, or given up.
     pub open_segments: Vec<u32>,
 }

@@ -8,10 +8,10 @@ use super::ranges::Ranges;
 
 /// By stream, the numbers that are taken.
 #[derive(Default)]
-pub(crate) struct Vacant(BTreeMap<String, Taken>);
+pub(crate) struct Vacant(BTreeMap<String, StreamNumbers>);
 
 #[derive(Default)]
-struct Taken {
+struct StreamNumbers {
     /// By samples of sound chunks that are in order.
     in_order: Ranges,
     /// By any sample.
@@ -23,7 +23,7 @@ struct Taken {
 impl Vacant {
     /// Of a session of which every sound chunk was read.
     pub(super) fn new(streams: &BTreeMap<String, Numbers>) -> Self {
-        let taken = |numbers: &Numbers| Taken {
+        let taken = |numbers: &Numbers| StreamNumbers {
             in_order: numbers.in_order().collect(),
             present: numbers.present().collect(),
             gaps: numbers.gaps.iter().copied().collect(),
@@ -35,7 +35,7 @@ impl Vacant {
     /// Whether these numbers, in order themselves, can come behind `newest` in this stream: none
     /// of them is taken, and everything in order behind them remains so.
     pub(super) fn fits(&self, name: &str, newest: Option<u64>, numbers: &Numbers) -> bool {
-        let none = Taken::default();
+        let none = StreamNumbers::default();
         let taken = self.0.get(name).unwrap_or(&none);
         let samples_fit = numbers.present().all(|range| {
             Some(range.0) > newest && !taken.present.overlaps(range) && !taken.gaps.overlaps(range)

@@ -20,11 +20,11 @@ use session_archive::reader::{Entry, Message, ReadError, SessionReader};
 use session_archive::record::{
     ClockMap, CompressedVideo, Frame, Gap, ImuBatch, Protobuf, Record as _, paws::gap::Cause,
 };
-use session_archive::recover::{RecoverError, Recovered, close_cut_off, recover};
+use session_archive::recover::{RecoverError, Recovery, close_cut_off, recover};
 use session_archive::scan::DamageKind;
 use session_archive::storage::{CrashKind, Fault, FaultKind, FaultStorage, Operation};
 use session_archive::time::HostTime;
-use session_archive::verify::{Lost, verify};
+use session_archive::verify::{LostSamples, verify};
 use session_archive::writer::SessionWriter;
 use support::{MS, START, Sample, messages, put, record, samples, samples_at, spec, stop};
 
@@ -35,7 +35,7 @@ fn open(disk: &FaultStorage) -> SessionReader {
 }
 
 /// Recovers; the source must be as it was.
-fn recovered(disk: &FaultStorage) -> (Recovered, FaultStorage) {
+fn recovered(disk: &FaultStorage) -> (Recovery, FaultStorage) {
     let before = files(disk);
     let target = FaultStorage::new();
     let result = recover(&open(disk), Arc::new(target.clone()), |_| {}).expect("recover");
@@ -158,13 +158,13 @@ fn missing(chunks: &[&ChunkAt]) -> Missing {
 }
 
 /// What must be reported lost without these chunks.
-fn lost(samples: &[Sample], chunks: &[&ChunkAt]) -> Vec<Lost> {
+fn lost(samples: &[Sample], chunks: &[&ChunkAt]) -> Vec<LostSamples> {
     lost_without(samples, &missing(chunks))
 }
 
 /// What must be reported lost without these numbers: by stream, with the times of the samples
 /// around, or of those at the stream's ends.
-fn lost_without(samples: &[Sample], gone: &Missing) -> Vec<Lost> {
+fn lost_without(samples: &[Sample], gone: &Missing) -> Vec<LostSamples> {
     let times = times(samples);
     let mut lost = Vec::new();
     for ((stream, number), time) in &times {
@@ -177,7 +177,7 @@ fn lost_without(samples: &[Sample], gone: &Missing) -> Vec<Lost> {
             .last()
             .expect("last");
         let at = |n: u64| times.get(&(*stream, n)).copied();
-        lost.push(Lost {
+        lost.push(LostSamples {
             stream: (*stream).to_owned(),
             first: *number,
             last,

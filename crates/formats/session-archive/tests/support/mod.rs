@@ -163,8 +163,8 @@ impl Sample {
 
     /// The messages that it must become: channel, sequence number where it is given by the
     /// sample, payload. Made with the generated types, and not as the writer makes them.
-    pub(crate) fn messages(&self, manifest: &Manifest, bytes: usize) -> Vec<Expected> {
-        let expected = |stream: Option<&Stream>, sequence, data| Expected {
+    pub(crate) fn messages(&self, manifest: &Manifest, bytes: usize) -> Vec<ExpectedMessage> {
+        let expected = |stream: Option<&Stream>, sequence, data| ExpectedMessage {
             stream: stream.expect("stream").id,
             sequence,
             time: self.time(),
@@ -237,14 +237,14 @@ impl Sample {
 
 /// A message that was appended.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub(crate) struct Expected {
+pub(crate) struct ExpectedMessage {
     pub(crate) stream: u16,
     pub(crate) sequence: Option<u32>,
     pub(crate) time: HostTime,
     pub(crate) data: Vec<u8>,
 }
 
-impl Expected {
+impl ExpectedMessage {
     pub(crate) fn is(&self, m: &Message) -> bool {
         self.stream == m.stream
             && self.time == m.time

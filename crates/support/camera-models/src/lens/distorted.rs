@@ -8,7 +8,7 @@ use crate::camera::Distortion;
 pub(super) type ByCoefficients = SMatrix<f64, 2, { Distortion::MAX_COEFFICIENTS }>;
 
 /// A distorted point on the normalized image plane, before focal lengths and principal point.
-pub(super) struct Distorted {
+pub(super) struct DistortedPoint {
     pub(super) at: [f64; 2],
     pub(super) by_point: Matrix2x3<f64>,
     pub(super) by_coefficients: ByCoefficients,

@@ -7,7 +7,7 @@ use std::f64::consts::PI;
 
 use nalgebra::Matrix2x3;
 
-use super::distorted::{ByCoefficients, Distorted};
+use super::distorted::{ByCoefficients, DistortedPoint};
 use super::domain::end_of_domain;
 
 /// Ratio of radius and depth below which series replace quotients by 0.
@@ -57,14 +57,14 @@ impl Fisheye {
         Some([x * scale, y * scale])
     }
 
-    pub(super) fn distort_with_jacobians(&self, point: [f64; 3]) -> Option<Distorted> {
+    pub(super) fn distort_with_jacobians(&self, point: [f64; 3]) -> Option<DistortedPoint> {
         let at = self.distort(point)?;
         let [x, y, z] = point;
         let r = x.hypot(y);
         let mut by_coefficients = ByCoefficients::zeros();
         if r < MIN_OFF_AXIS * z {
             let by_point = Matrix2x3::new(1.0 / z, 0.0, -x / (z * z), 0.0, 1.0 / z, -y / (z * z));
-            return Some(Distorted {
+            return Some(DistortedPoint {
                 at,
                 by_point,
                 by_coefficients,
@@ -93,7 +93,7 @@ impl Fisheye {
             by_coefficients[(0, k)] = cosine * power;
             by_coefficients[(1, k)] = sine * power;
         }
-        Some(Distorted {
+        Some(DistortedPoint {
             at,
             by_point,
             by_coefficients,

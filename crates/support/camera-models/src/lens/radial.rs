@@ -6,7 +6,7 @@
 
 use nalgebra::Matrix2x3;
 
-use super::distorted::{ByCoefficients, Distorted};
+use super::distorted::{ByCoefficients, DistortedPoint};
 use super::domain::{end_of_domain, unit};
 use crate::camera::Rational;
 
@@ -100,7 +100,7 @@ impl Radial {
         Some(self.apply_coefficients(on_plane, &self.factor(a * a + b * b)))
     }
 
-    pub(super) fn distort_with_jacobians(&self, x_in_camera: [f64; 3]) -> Option<Distorted> {
+    pub(super) fn distort_with_jacobians(&self, x_in_camera: [f64; 3]) -> Option<DistortedPoint> {
         let on_plane @ [a, b] = self.on_plane(x_in_camera)?;
         let s = a * a + b * b;
         let factor = self.factor(s);
@@ -133,7 +133,7 @@ impl Radial {
             by_coefficients[(0, k)] = x;
             by_coefficients[(1, k)] = y;
         }
-        Some(Distorted {
+        Some(DistortedPoint {
             at: self.apply_coefficients(on_plane, &factor),
             by_point,
             by_coefficients,

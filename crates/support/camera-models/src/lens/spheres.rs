@@ -4,7 +4,7 @@
 
 use nalgebra::Matrix2x3;
 
-use super::distorted::{ByCoefficients, Distorted};
+use super::distorted::{ByCoefficients, DistortedPoint};
 use super::domain::{end_of_domain, unit};
 
 #[derive(Clone, Copy, Debug)]
@@ -35,7 +35,7 @@ fn quotient(
     n: f64,
     n_by_point: [f64; 3],
     n_by_coefficients: [f64; 2],
-) -> Distorted {
+) -> DistortedPoint {
     let (a, b) = (x / n, y / n);
     let [nx, ny, nz] = n_by_point.map(|d| d / n);
     let by_point = Matrix2x3::new(
@@ -51,7 +51,7 @@ fn quotient(
         by_coefficients[(0, k)] = -a * d / n;
         by_coefficients[(1, k)] = -b * d / n;
     }
-    Distorted {
+    DistortedPoint {
         at: [a, b],
         by_point,
         by_coefficients,
@@ -79,7 +79,7 @@ impl DoubleSphere {
         Some([point[0] / n, point[1] / n])
     }
 
-    pub(super) fn distort_with_jacobians(&self, point: [f64; 3]) -> Option<Distorted> {
+    pub(super) fn distort_with_jacobians(&self, point: [f64; 3]) -> Option<DistortedPoint> {
         let [x, y, z] = point;
         let (d1, d2, depth, n) = self.distances(point)?;
         let rest = 1.0 - self.alpha;
@@ -130,7 +130,7 @@ impl Eucm {
         Some([point[0] / n, point[1] / n])
     }
 
-    pub(super) fn distort_with_jacobians(&self, point: [f64; 3]) -> Option<Distorted> {
+    pub(super) fn distort_with_jacobians(&self, point: [f64; 3]) -> Option<DistortedPoint> {
         let [x, y, z] = point;
         let (d, n) = self.distances(point)?;
         let side = self.alpha * self.beta / d;

@@ -22,7 +22,7 @@ use crate::pipeline::{self, News, Running, lock};
 const WANTED: &str = "wanted-by-capture";
 
 /// The requested output of a chain.
-pub(super) struct Wanted {
+pub(super) struct OutputRequest {
     pub(super) caps: gst::Caps,
     /// Frames leave in their own buffers.
     pub(super) native: bool,
@@ -42,7 +42,7 @@ impl Feed {
     /// Builds the pipeline; nothing runs yet.
     pub(super) fn build(
         chain: &str,
-        wanted: Wanted,
+        wanted: OutputRequest,
         intake: &Arc<Intake>,
         port: impl FnOnce(&str) -> Port,
     ) -> Result<Feed, String> {
@@ -131,7 +131,7 @@ fn play(pipeline: &gst::Pipeline) -> Result<(), &'static str> {
 }
 
 /// Diverts everything that arrives at `pad`.
-fn take_off(pad: &gst::Pad, port: Port, wanted: &Wanted, intake: &Arc<Intake>) {
+fn take_off(pad: &gst::Pad, port: Port, wanted: &OutputRequest, intake: &Arc<Intake>) {
     let (intake, native) = (Arc::downgrade(intake), wanted.native);
     let held = wanted.held;
     let newest = Mutex::new(Newest::default());

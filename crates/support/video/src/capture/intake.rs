@@ -1,7 +1,7 @@
 //! Between the threads of the cameras and the one that takes frames: a short queue.
 //!
 //! Contract: a camera's thread never waits here. When the queue is full the new frame is dropped
-//! and counted, and reported as [`super::Lost`] in front of the next one. After the end nothing is
+//! and counted, and reported as [`super::LostFrames`] in front of the next one. After the end nothing is
 //! taken any more; what was queued before comes out first.
 
 use std::collections::VecDeque;
@@ -11,13 +11,13 @@ use std::time::Duration;
 
 use super::feed::Arrival;
 use super::number::Numbering;
-use super::pair::{Eye, Half, Paired, Pairing};
-use super::{CaptureEvent, Cause, Counts, HostClock, Lost};
+use super::pair::{Eye, Half, Pairing, PairingOutput};
+use super::{CaptureEvent, Cause, Counts, HostClock, LostFrames};
 use crate::pipeline::{Failure, lock, wait_while};
 
 /// A frame that has arrived, not yet converted.
 #[derive(Debug)]
-pub(super) struct Arrived {
+pub(super) struct ArrivedFrame {
     pub(super) number: u64,
     pub(super) repeated: bool,
     pub(super) host_time_ns: i64,
@@ -27,10 +27,10 @@ pub(super) struct Arrived {
 /// An item of the queue.
 #[derive(Debug)]
 pub(super) enum Item {
-    Frame(Arrived),
+    Frame(ArrivedFrame),
     /// Left and right.
-    Eyes(Arrived, Arrived),
-    Lost(Lost),
+    Eyes(ArrivedFrame, ArrivedFrame),
+    Lost(LostFrames),
     End(CaptureEvent),
 }
 
@@ -62,10 +62,10 @@ struct State {
     items: VecDeque<Item>,
     /// Of those, frames.
     frames: usize,
-    pairing: Pairing<Arrived>,
+    pairing: Pairing<ArrivedFrame>,
     counts: Counts,
     /// Lost since the last frame that was queued.
-    lost: VecDeque<Lost>,
+    lost: VecDeque<LostFrames>,
     end: Option<CaptureEvent>,
     abandoned: bool,
 }
@@ -99,7 +99,7 @@ impl Intake {
             Err(reason) => return self.end(CaptureEvent::failed("the chain", reason)),
         };
         let numbered = lock(&port.numbering).next(arrival.clock_time_ns, arrival.offset);
-        let arrived = Arrived {
+        let arrived = ArrivedFrame {
             number: numbered.number,
             repeated: numbered.repeated,
             host_time_ns: host_ns,
@@ -231,13 +231,13 @@ impl State {
         self.items.push_back(item);
     }
 
-    fn paired(&mut self, paired: Paired<Arrived>, limit: usize) {
+    fn paired(&mut self, paired: PairingOutput<ArrivedFrame>, limit: usize) {
         match paired {
-            Paired::Both(left, right) => {
+            PairingOutput::Both(left, right) => {
                 let number = left.number;
                 self.queue(Item::Eyes(left.frame, right.frame), number, limit);
             }
-            Paired::Alone { missing, number } => {
+            PairingOutput::Alone { missing, number } => {
                 self.counts.unpaired += 1;
                 if let Some(number) = number {
                     self.note_lost(number, Cause::NoPartner(missing));
@@ -252,7 +252,7 @@ impl State {
             Some(lost) if lost.cause == cause && number == lost.last.wrapping_add(1) => {
                 lost.last = number;
             }
-            _ => self.lost.push_back(Lost {
+            _ => self.lost.push_back(LostFrames {
                 first: number,
                 last: number,
                 cause,

@@ -35,7 +35,7 @@ struct Last {
 
 /// What is known of a frame from its time and offset.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) struct Numbered {
+pub(super) struct FrameNumber {
     pub(super) number: u64,
     /// Frames that are missing in front of it.
     pub(super) missing: u64,
@@ -61,7 +61,7 @@ impl Numbering {
 
     /// The next frame. An element that should count but does not is followed by time from its
     /// first frame on.
-    pub(super) fn next(&mut self, time_ns: i64, offset: Option<u64>) -> Numbered {
+    pub(super) fn next(&mut self, time_ns: i64, offset: Option<u64>) -> FrameNumber {
         if offset.is_none() {
             self.by = Numbers::Times;
         }
@@ -107,7 +107,7 @@ impl Numbering {
             time_ns: time_ns.max(last.time_ns),
             due_ns,
         });
-        Numbered {
+        FrameNumber {
             number,
             missing,
             repeated,
@@ -124,7 +124,7 @@ mod tests {
     fn numbers(by: Numbers, frames: &[(i64, Option<u64>)]) -> Vec<(u64, u64, bool)> {
         let mut numbering = Numbering::new(by, 100.0);
         let frames = frames.iter().map(|&(ms, offset)| {
-            let Numbered {
+            let FrameNumber {
                 number,
                 missing,
                 repeated,

@@ -40,7 +40,7 @@ pub(super) struct Half<T> {
 
 /// What comes out.
 #[derive(Debug)]
-pub(super) enum Paired<T> {
+pub(super) enum PairingOutput<T> {
     Both(Half<T>, Half<T>),
     /// A frame without the other half.
     Alone {
@@ -78,7 +78,7 @@ impl<T> Pairing<T> {
     }
 
     /// Takes a frame of one side and returns what is decided by now.
-    pub(super) fn push(&mut self, eye: Eye, half: Half<T>, out: &mut impl FnMut(Paired<T>)) {
+    pub(super) fn push(&mut self, eye: Eye, half: Half<T>, out: &mut impl FnMut(PairingOutput<T>)) {
         match eye {
             Eye::Left => self.left.push_back(half),
             Eye::Right => self.right.push_back(half),
@@ -89,7 +89,7 @@ impl<T> Pairing<T> {
                     if let (Some(left), Some(right)) =
                         (self.left.pop_front(), self.right.pop_front())
                     {
-                        out(Paired::Both(left, right));
+                        out(PairingOutput::Both(left, right));
                     }
                 }
                 Verdict::Left => self.alone(Eye::Left, out),
@@ -104,7 +104,7 @@ impl<T> Pairing<T> {
     }
 
     /// Gives out what still waits.
-    pub(super) fn finish(&mut self, out: &mut impl FnMut(Paired<T>)) {
+    pub(super) fn finish(&mut self, out: &mut impl FnMut(PairingOutput<T>)) {
         for eye in [Eye::Left, Eye::Right] {
             while !self.side(eye).is_empty() {
                 self.alone(eye, out);
@@ -120,7 +120,7 @@ impl<T> Pairing<T> {
     }
 
     /// The oldest frame of `eye` has no partner.
-    fn alone(&mut self, eye: Eye, out: &mut impl FnMut(Paired<T>)) {
+    fn alone(&mut self, eye: Eye, out: &mut impl FnMut(PairingOutput<T>)) {
         let ahead = self.ahead;
         let Some(half) = self.side(eye).pop_front() else {
             return;
@@ -129,7 +129,7 @@ impl<T> Pairing<T> {
             Eye::Left => Some(half.number),
             Eye::Right => ahead.and_then(|ahead| half.number.checked_add_signed(-ahead)),
         };
-        out(Paired::Alone {
+        out(PairingOutput::Alone {
             missing: eye.other(),
             number,
         });
@@ -171,10 +171,10 @@ mod tests {
     fn pair(frames: &[(Eye, u64, i64)]) -> Vec<(u64, u64)> {
         let mut pairing = Pairing::new(100.0);
         let mut found = Vec::new();
-        let mut out = |paired: Paired<()>| {
+        let mut out = |paired: PairingOutput<()>| {
             found.push(match paired {
-                Paired::Both(left, right) => (left.number, right.number),
-                Paired::Alone { number, .. } => (number.unwrap_or(u64::MAX), u64::MAX),
+                PairingOutput::Both(left, right) => (left.number, right.number),
+                PairingOutput::Alone { number, .. } => (number.unwrap_or(u64::MAX), u64::MAX),
             });
         };
         for &(eye, number, time_ns) in frames {
@@ -210,7 +210,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_lost_on_one_side_is_told_of_the_other() {
+    fn a_loss_of_one_eye_is_reported_for_the_other() {
         let lost = |eye, n| match eye {
             Eye::Left => n % 7 == 3,
             Eye::Right => n % 5 == 4,

@@ -2,7 +2,7 @@
 
 use gstreamer as gst;
 
-use super::{EncodeError, Expected};
+use super::{EncodeError, InputFormat};
 use crate::{NativeFrame, PixelFormat, RawImage, RawImageError, layout};
 
 /// One frame for [`super::Encoder::push`].
@@ -28,9 +28,9 @@ impl<'a> From<&'a NativeFrame> for Input<'a> {
 
 impl Input<'_> {
     /// Whether this is what the encoder was started for.
-    pub(super) fn check(self, expected: &Expected) -> Result<(), EncodeError> {
+    pub(super) fn check(self, expected: &InputFormat) -> Result<(), EncodeError> {
         match (self, expected) {
-            (Input::RawImage(image), &Expected::Images(width, height)) => {
+            (Input::RawImage(image), &InputFormat::Images(width, height)) => {
                 if (image.width, image.height) != (width, height) {
                     return Err(EncodeError::WrongSize {
                         found_width: image.width,
@@ -45,15 +45,17 @@ impl Input<'_> {
                 }
                 Ok(image.check()?)
             }
-            (Input::Native(frame), Expected::Native(format)) if frame.format() == format => Ok(()),
+            (Input::Native(frame), InputFormat::Native(format)) if frame.format() == format => {
+                Ok(())
+            }
             (found, expected) => Err(EncodeError::WrongInput {
                 found: match found {
                     Input::RawImage(image) => format!("{image:?}"),
                     Input::Native(frame) => format!("a native frame of {}", frame.format()),
                 },
                 expected: match expected {
-                    Expected::Images(width, height) => format!("{width}x{height} frames"),
-                    Expected::Native(format) => format!("native frames of {format}"),
+                    InputFormat::Images(width, height) => format!("{width}x{height} frames"),
+                    InputFormat::Native(format) => format!("native frames of {format}"),
                 },
             }),
         }

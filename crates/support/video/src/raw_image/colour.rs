@@ -12,7 +12,7 @@
 //! taken before rounding; the inverse repeats it, so the chroma site is the middle of the block,
 //! as in JPEG.
 
-use super::rows::{self, Layout, Strided, Window};
+use super::rows::{self, Layout, PlaneView, Window};
 use super::{PixelFormat, RawImage, RawImageError};
 
 /// Fractional bits of the coefficients.
@@ -109,7 +109,7 @@ pub fn nv12_to_i420(width: u32, height: u32, nv12: &[u8]) -> Result<RawImage, Ra
     let stride = width as usize;
     let (luma, chroma) = nv12.split_at(stride * height as usize);
     let planes = [(luma, stride), (chroma, 2 * stride.div_ceil(2))];
-    let planes = planes.map(|(data, stride)| Strided { data, stride });
+    let planes = planes.map(|(data, stride)| PlaneView { data, stride });
     rows::write(
         Layout::Nv12(planes),
         Window::whole(&mut data, width, height),
@@ -129,7 +129,7 @@ pub fn yuyv_to_i420(width: u32, height: u32, yuyv: &[u8]) -> Result<RawImage, Ra
         return Err(RawImageError::OddSize { width, height });
     }
     expect_length(yuyv, 2 * width as usize * height as usize)?;
-    let plane = Strided {
+    let plane = PlaneView {
         data: yuyv,
         stride: 2 * width as usize,
     };

@@ -9,12 +9,12 @@ use super::{PixelFormat, RawImageError};
 
 /// One plane: bytes, and the distance from a row to the next.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Strided<'a> {
+pub(crate) struct PlaneView<'a> {
     pub(crate) data: &'a [u8],
     pub(crate) stride: usize,
 }
 
-impl<'a> Strided<'a> {
+impl<'a> PlaneView<'a> {
     /// `count` rows of `bytes` each. The last one needs no padding behind it.
     fn rows(
         self,
@@ -38,15 +38,15 @@ impl<'a> Strided<'a> {
 #[derive(Debug, Clone, Copy)]
 pub(crate) enum Layout<'a> {
     /// Luma.
-    Grey(Strided<'a>),
+    Grey(PlaneView<'a>),
     /// Luma, Cb, Cr.
-    I420([Strided<'a>; 3]),
+    I420([PlaneView<'a>; 3]),
     /// Luma, then Cb and Cr in turn.
-    Nv12([Strided<'a>; 2]),
+    Nv12([PlaneView<'a>; 2]),
     /// Y Cb Y Cr, also called YUY2.
-    Yuyv(Strided<'a>),
+    Yuyv(PlaneView<'a>),
     /// Cb Y Cr Y.
-    Uyvy(Strided<'a>),
+    Uyvy(PlaneView<'a>),
 }
 
 /// Where to write: `columns` columns from column `x` on, which is even, of an I420 image that is

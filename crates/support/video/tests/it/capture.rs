@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 use crate::PATIENCE;
 use video::capture::{
     Capture, CaptureError, CaptureEvent, CaptureSettings, CapturedFrame, Cause, Content, Counts,
-    Delivery, Eye, HostClock, Lost, QUEUE,
+    Delivery, Eye, HostClock, LostFrames, QUEUE,
 };
 use video::{AccessUnit, Encoder, EncoderEvent, EncoderSettings, RawImage};
 
@@ -166,7 +166,7 @@ fn colours_and_layouts_arrive_as_images() {
 }
 
 #[test]
-fn an_element_that_fails_is_told_after_the_frames() {
+fn a_failed_element_is_reported_after_the_frames() {
     let (events, end, _) = all(start(&format!(
         "{LIVE} ! video/x-raw,framerate=100/1 ! identity name=culprit error-after=5"
     )));
@@ -284,7 +284,7 @@ fn a_taker_that_is_late_loses_new_frames_and_knows_which() {
                 assert_eq!(frame.number, next);
                 next += 1;
             }
-            &CaptureEvent::Lost(Lost { first, last, cause }) => {
+            &CaptureEvent::Lost(LostFrames { first, last, cause }) => {
                 assert_eq!((first, cause), (next, Cause::Overrun));
                 assert!(last >= first);
                 next = last + 1;
@@ -370,7 +370,7 @@ fn eyes_with_lost_frames_are_still_paired_rightly() {
     assert!(frames.is_sorted_by(|a, b| a.number < b.number));
     let mut total = 0;
     for event in &events {
-        if let &CaptureEvent::Lost(Lost { first, last, cause }) = event {
+        if let &CaptureEvent::Lost(LostFrames { first, last, cause }) = event {
             assert!(frames.iter().all(|f| !(first..=last).contains(&f.number)));
             if matches!(cause, Cause::NoPartner(Eye::Left | Eye::Right)) {
                 total += last - first + 1;

@@ -111,7 +111,7 @@ mod tests {
     use crate::camera::Shot;
     use crate::camera::sensor::{Exposure, SensorModel};
     use crate::camera::truth::TruthCamera;
-    use crate::camera::{MonoCamera, Placed, Quality, Shutter, TEST_CAMERA};
+    use crate::camera::{MonoCamera, Quality, SceneBody, Shutter, TEST_CAMERA};
     use crate::scene::body::Body;
     use crate::scene::surface::Class;
     use crate::scene::{Kind, Lighting};
@@ -142,7 +142,7 @@ mod tests {
             gain: 1.0,
         };
         let mut see = |scene: &Scene| {
-            let placed = [Placed {
+            let placed = [SceneBody {
                 body: &scene.fixed,
                 first: 0,
                 pose: &still,

@@ -39,7 +39,7 @@ impl Motion for Still {
 
 /// A body with its motion.
 #[derive(Clone, Copy)]
-pub struct Placed<'a> {
+pub struct SceneBody<'a> {
     /// Geometry and surfaces.
     pub body: &'a Body,
     /// Number of its first triangle among all drawn triangles.
@@ -48,7 +48,7 @@ pub struct Placed<'a> {
     pub pose: &'a dyn Motion,
 }
 
-impl Placed<'_> {
+impl SceneBody<'_> {
     /// Number of the first triangle of the next body.
     pub fn next(&self) -> u32 {
         self.first + self.body.triangles.len() as u32
@@ -56,16 +56,16 @@ impl Placed<'_> {
 }
 
 /// All bodies of a scene: the static one, the fence if there is one, then the moving ones. More may
-/// be appended, from [`Placed::next`] on.
-pub fn placed(scene: &Scene) -> Vec<Placed<'_>> {
-    let mut placed = vec![Placed {
+/// be appended, from [`SceneBody::next`] on.
+pub fn placed(scene: &Scene) -> Vec<SceneBody<'_>> {
+    let mut placed = vec![SceneBody {
         body: &scene.fixed,
         first: 0,
         pose: &Still,
     }];
     let mut first = placed[0].next();
     if !scene.fence.triangles.is_empty() {
-        let body = Placed {
+        let body = SceneBody {
             body: &scene.fence,
             first,
             pose: &Still,
@@ -74,7 +74,7 @@ pub fn placed(scene: &Scene) -> Vec<Placed<'_>> {
         placed.push(body);
     }
     for moving in &scene.moving {
-        let body = Placed {
+        let body = SceneBody {
             body: &moving.body,
             first,
             pose: moving,

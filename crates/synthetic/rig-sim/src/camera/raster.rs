@@ -58,12 +58,12 @@ pub struct Visibility {
     /// Inverse depth along z, 1/m; 0 for nothing.
     inverse_depth: Vec<f32>,
     frustum: Frustum,
-    projected: Vec<Projected>,
+    projected: Vec<Corner>,
 }
 
 /// A projected corner.
 #[derive(Clone, Copy, Debug, Default)]
-struct Projected {
+struct Corner {
     /// Position in the optical frame, m.
     at: [f32; 3],
     x: f32,
@@ -82,7 +82,7 @@ struct Projector<'a> {
 
 impl Projector<'_> {
     /// Projects a point of the body.
-    fn corner(&self, p: [f32; 3]) -> Projected {
+    fn corner(&self, p: [f32; 3]) -> Corner {
         let mut found = self.flat(self.views[self.views.len() / 2].apply(p));
         if self.views.len() > 1 {
             // With a rolling shutter each row has its own time.
@@ -99,16 +99,16 @@ impl Projector<'_> {
     }
 
     /// Projects a point of the optical frame.
-    fn flat(&self, at: [f32; 3]) -> Projected {
+    fn flat(&self, at: [f32; 3]) -> Corner {
         if at[2] < MIN_DEPTH_M {
-            return Projected {
+            return Corner {
                 at,
-                ..Projected::default()
+                ..Corner::default()
             };
         }
         let w = 1.0 / at[2];
         let (x, y) = self.lens.project_f32(at[0] * w, at[1] * w);
-        Projected {
+        Corner {
             at,
             x: x - self.shift.0,
             y: y - self.shift.1,
@@ -179,9 +179,9 @@ impl Visibility {
     fn triangle(
         &mut self,
         projector: &Projector<'_>,
-        a: Projected,
-        b: Projected,
-        c: Projected,
+        a: Corner,
+        b: Corner,
+        c: Corner,
         number: u32,
     ) {
         let behind = [a, b, c].map(|p| p.at[2] < MIN_DEPTH_M);
@@ -190,7 +190,7 @@ impl Visibility {
             [true, true, true] => {}
             _ => {
                 // Clipping by Sutherland and Hodgman 1974, at the near plane only.
-                let mut kept = [Projected::default(); 4];
+                let mut kept = [Corner::default(); 4];
                 let mut count = 0;
                 for (p, q) in [(a, b), (b, c), (c, a)] {
                     let (inside, next) = (p.at[2] >= MIN_DEPTH_M, q.at[2] >= MIN_DEPTH_M);
@@ -217,9 +217,9 @@ impl Visibility {
     fn bent(
         &mut self,
         projector: &Projector<'_>,
-        a: Projected,
-        b: Projected,
-        c: Projected,
+        a: Corner,
+        b: Corner,
+        c: Corner,
         number: u32,
         depth: u32,
     ) {
@@ -227,7 +227,7 @@ impl Visibility {
             self.width as f32 + MARGIN_PX,
             self.height as f32 + MARGIN_PX,
         );
-        let all = |out: fn(&Projected, f32) -> bool, limit: f32| {
+        let all = |out: fn(&Corner, f32) -> bool, limit: f32| {
             out(&a, limit) && out(&b, limit) && out(&c, limit)
         };
         if all(|p, l| p.x < l, -MARGIN_PX)
@@ -237,7 +237,7 @@ impl Visibility {
         {
             return;
         }
-        let middle = |p: &Projected, q: &Projected| -> Option<Projected> {
+        let middle = |p: &Corner, q: &Corner| -> Option<Corner> {
             let (dx, dy) = (q.x - p.x, q.y - p.y);
             let square = dx * dx + dy * dy;
             if square < MIN_SPLIT_EDGE_PX * MIN_SPLIT_EDGE_PX || depth >= 8 {
@@ -288,7 +288,7 @@ impl Visibility {
     }
 
     /// Claims the pixels whose centers are inside and that have no nearer surface.
-    fn fill(&mut self, a: Projected, b: Projected, c: Projected, number: u32) {
+    fn fill(&mut self, a: Corner, b: Corner, c: Corner, number: u32) {
         // Rows grow downwards: counter-clockwise from outside has this sign.
         let area = (b.x - a.x) * (c.y - a.y) - (c.x - a.x) * (b.y - a.y);
         if area >= 0.0 {
@@ -306,7 +306,7 @@ impl Visibility {
         let (bw, cw) = (b.w - a.w, c.w - a.w);
         let w_x = (bw * (c.y - a.y) - cw * (b.y - a.y)) / area;
         let w_y = (cw * (b.x - a.x) - bw * (c.x - a.x)) / area;
-        let slope = |p: &Projected, q: &Projected| (q.x - p.x) / (q.y - p.y);
+        let slope = |p: &Corner, q: &Corner| (q.x - p.x) / (q.y - p.y);
         let long = slope(&top, &low);
         let upper = slope(&top, &mid);
         let lower = slope(&mid, &low);

@@ -9,7 +9,7 @@
 use camera_models::CameraModel;
 use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 
-use super::placed::{Placed, Still};
+use super::placed::{SceneBody, Still};
 use super::raster::{NOTHING, View, Visibility};
 use super::{Shutter, shade};
 use crate::lens::Lens;
@@ -114,7 +114,7 @@ impl TruthCamera {
     pub(crate) fn render(
         &mut self,
         scene: &Scene,
-        placed: &[Placed<'_>],
+        placed: &[SceneBody<'_>],
         eye_pose: &dyn Fn(f64) -> Pose,
         time_s: f64,
     ) -> Truth {
@@ -152,7 +152,7 @@ impl TruthCamera {
     pub(crate) fn flow(
         &self,
         scene: &Scene,
-        placed: &[Placed<'_>],
+        placed: &[SceneBody<'_>],
         from: &Truth,
         to: &Truth,
     ) -> Flow {
@@ -193,7 +193,7 @@ impl TruthCamera {
     pub(crate) fn project(
         &self,
         scene: &Scene,
-        placed: &[Placed<'_>],
+        placed: &[SceneBody<'_>],
         truth: &Truth,
         body: usize,
         point: Vector3<f64>,
@@ -217,7 +217,7 @@ impl TruthCamera {
     /// Camera poses in the frames of bodies: once, or for each row.
     fn row_poses(
         &self,
-        bodies: &[Placed<'_>],
+        bodies: &[SceneBody<'_>],
         eye_pose: &dyn Fn(f64) -> Pose,
         time_s: f64,
     ) -> Vec<Vec<RowPose>> {
@@ -228,7 +228,7 @@ impl TruthCamera {
         };
         let times = (0..rows).map(|row| time_s + self.shutter.row_s(row, height));
         let eyes: Vec<(f64, Pose)> = times.map(|t| (t, eye_pose(t))).collect();
-        let of = |body: &Placed<'_>| {
+        let of = |body: &SceneBody<'_>| {
             let row_pose = |(t, eye): &(f64, Pose)| RowPose::new(eye, &body.pose.at(*t));
             eyes.iter().map(row_pose).collect()
         };
@@ -269,7 +269,7 @@ impl TruthCamera {
     /// projection, does not occlude it.
     fn shows(
         &self,
-        bodies: &[Placed<'_>],
+        bodies: &[SceneBody<'_>],
         truth: &Truth,
         element: Element,
         found: &Projection,
@@ -295,9 +295,9 @@ impl TruthCamera {
 }
 
 /// All bodies, then the panes, which have the pose of the first body.
-fn with_panes<'a>(scene: &'a Scene, placed: &[Placed<'a>]) -> Vec<Placed<'a>> {
-    let first = placed.last().map_or(0, Placed::next);
-    let panes = Placed {
+fn with_panes<'a>(scene: &'a Scene, placed: &[SceneBody<'a>]) -> Vec<SceneBody<'a>> {
+    let first = placed.last().map_or(0, SceneBody::next);
+    let panes = SceneBody {
         body: &scene.glass,
         first,
         pose: &Still,
@@ -306,7 +306,7 @@ fn with_panes<'a>(scene: &'a Scene, placed: &[Placed<'a>]) -> Vec<Placed<'a>> {
 }
 
 /// A triangle's body and surface.
-fn surface<'a>(bodies: &[Placed<'a>], id: u32) -> (usize, &'a Surface) {
+fn surface<'a>(bodies: &[SceneBody<'a>], id: u32) -> (usize, &'a Surface) {
     let number = bodies.partition_point(|p| p.first <= id) - 1;
     let body = &bodies[number];
     (number, &body.body.surfaces[(id - body.first) as usize])

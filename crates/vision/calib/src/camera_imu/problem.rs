@@ -170,7 +170,7 @@ pub(super) struct FitResult {
 }
 
 /// Whitened residual and Jacobians of one factor.
-struct Whitened<const M: usize> {
+struct WhitenedFactor<const M: usize> {
     residual: SVector<f64, M>,
     own: SMatrix<f64, M, STATE>,
     next: Option<SMatrix<f64, M, STATE>>,
@@ -179,7 +179,7 @@ struct Whitened<const M: usize> {
     weight: f64,
 }
 
-impl<const M: usize> Whitened<M> {
+impl<const M: usize> WhitenedFactor<M> {
     /// Applies the Huber loss with this threshold, infinite for none; returns the cost.
     fn apply_loss(&mut self, threshold: f64) -> f64 {
         let length = self.residual.norm();
@@ -279,7 +279,7 @@ impl State {
 }
 
 impl Prior {
-    fn factor(&self, shared: &Shared, fixed_sigma: [f64; 3]) -> Whitened<SHARED> {
+    fn factor(&self, shared: &Shared, fixed_sigma: [f64; 3]) -> WhitenedFactor<SHARED> {
         let nominal = &self.shared;
         let turn = so3::log(&(nominal.rotation.transpose() * shared.rotation));
         let mut residual = SVector::<f64, SHARED>::zeros();
@@ -319,7 +319,7 @@ impl Prior {
         }
         let residual = root * residual;
         let by_shared = root * by_shared;
-        Whitened {
+        WhitenedFactor {
             residual,
             own: SMatrix::zeros(),
             next: None,
@@ -363,7 +363,12 @@ impl Problem<'_> {
         self.views.iter().zip(&fitted.states).map(of).collect()
     }
 
-    fn view_factor(&self, rooted: &WhitenedView, state: &State, shared: &Shared) -> Whitened<VIEW> {
+    fn view_factor(
+        &self,
+        rooted: &WhitenedView,
+        state: &State,
+        shared: &Shared,
+    ) -> WhitenedFactor<VIEW> {
         let camera = shared.camera(state);
         let turn = so3::log(&(rooted.pose.rotation.transpose() * camera.rotation));
         let mut x = SVector::<f64, VIEW>::zeros();
@@ -387,7 +392,7 @@ impl Problem<'_> {
             .copy_from(&state.rotation);
         by_shared[(6, BOARD)] = 1.0;
         let weight = 1.0 / self.factors.poses;
-        Whitened {
+        WhitenedFactor {
             residual: (rooted.root * x + rooted.offset) * weight,
             own: rooted.root * own * weight,
             next: None,
@@ -402,7 +407,7 @@ impl Problem<'_> {
         states: &[State],
         shared: &Shared,
         raw: &mut Vec<Raw>,
-    ) -> Option<Whitened<9>> {
+    ) -> Option<WhitenedFactor<9>> {
         let (mut plain, covariance) = self.inertial_plain(i, states, shared, raw)?;
         let lower = Cholesky::new(covariance)?;
         let lower = lower.l_dirty();
@@ -420,7 +425,7 @@ impl Problem<'_> {
         states: &[State],
         shared: &Shared,
         raw: &mut Vec<Raw>,
-    ) -> Option<(Whitened<9>, SMatrix<f64, 9, 9>)> {
+    ) -> Option<(WhitenedFactor<9>, SMatrix<f64, 9, 9>)> {
         let (a, b) = (&states[i], &states[i + 1]);
         let [from, to] = [i, i + 1].map(|k| shared.imu_time(self.views[k].time_s, self.middle_s));
         self.track.between(from, to, raw)?;
@@ -503,7 +508,7 @@ impl Problem<'_> {
 
         let covariance = moved.gyro_noise * self.factors.gyro.powi(2)
             + moved.accel_noise * self.factors.accel.powi(2);
-        let plain = Whitened {
+        let plain = WhitenedFactor {
             residual,
             own,
             next: Some(next),
@@ -513,7 +518,7 @@ impl Problem<'_> {
         Some((plain, covariance))
     }
 
-    fn walk(&self, i: usize, states: &[State]) -> Whitened<6> {
+    fn walk(&self, i: usize, states: &[State]) -> WhitenedFactor<6> {
         let (a, b) = (&states[i], &states[i + 1]);
         let root = (self.views[i + 1].time_s - self.views[i].time_s).sqrt();
         let gyro = 1.0 / (self.noise.gyro_random_walk * self.factors.gyro_walk * root);
@@ -530,7 +535,7 @@ impl Problem<'_> {
             next[(k, BIAS + k)] = gyro;
             next[(3 + k, BIAS + 3 + k)] = accel;
         }
-        Whitened {
+        WhitenedFactor {
             residual,
             own: -next,
             next: Some(next),
@@ -540,7 +545,7 @@ impl Problem<'_> {
     }
 
     /// Prior of a state: its velocity, and the biases of the first.
-    fn isolated(&self, i: usize, state: &State) -> Whitened<9> {
+    fn isolated(&self, i: usize, state: &State) -> WhitenedFactor<9> {
         let mut residual = SVector::<f64, 9>::zeros();
         let mut own = SMatrix::<f64, 9, STATE>::zeros();
         let [gyro, accel] = self.prior.biases;
@@ -554,7 +559,7 @@ impl Problem<'_> {
                 own[(6 + k, BIAS + 3 + k)] = 1.0 / accel;
             }
         }
-        Whitened {
+        WhitenedFactor {
             residual,
             own,
             next: None,

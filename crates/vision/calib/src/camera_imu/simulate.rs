@@ -166,7 +166,7 @@ impl Sines {
 }
 
 /// A recording and its ground truth.
-pub struct Simulated {
+pub struct SimulatedRecording {
     /// Input of an estimator.
     pub recording: Recording,
     /// Gravity in the target's frame, m/s².
@@ -176,7 +176,7 @@ pub struct Simulated {
 }
 
 /// Simulates a recording.
-pub fn simulate(scene: &Scene, seed: u64) -> Simulated {
+pub fn simulate(scene: &Scene, seed: u64) -> SimulatedRecording {
     let mut random = Random::new(seed);
     let turns = Sines::new(&mut random, scene.turn_rad, 0.15, 1.3);
     let shifts = Sines::new(&mut random, scene.shift_m, 0.2, 1.2);

@@ -5,7 +5,7 @@ use std::thread;
 use cad_transforms::RigidTransform;
 use camera_models::Eye;
 
-use super::simulate::{Random, Scene, Simulated, simulate};
+use super::simulate::{Random, Scene, SimulatedRecording, simulate};
 use super::*;
 
 /// Errors over sigmas, and the errors themselves: degrees, mm, ms.
@@ -18,7 +18,7 @@ struct Errors {
     over_sigma: [f64; 13],
 }
 
-fn errors(scene: &Scene, truth: &Simulated, found: &CameraImu) -> Errors {
+fn errors(scene: &Scene, truth: &SimulatedRecording, found: &CameraImu) -> Errors {
     let priors = &scene.imu_from_left;
     let turn = (priors.rotation().inverse() * found.imu_from_left.rotation()).scaled_axis();
     let shift = found.imu_from_left.translation() - priors.translation();

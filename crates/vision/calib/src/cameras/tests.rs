@@ -70,7 +70,7 @@ fn real_chessboard_pairs() {
 
 /// A rig of three cameras in front of two boards, as [`crate::cameras`] would get it from a
 /// recording, and its ground truth.
-struct Simulated {
+struct SimulatedRig {
     input: Input,
     /// `rig_from_left` and `left_from_right` by camera.
     cameras: Vec<(RigidTransform, RigidTransform)>,
@@ -114,7 +114,7 @@ fn looking(yaw: f64, pitch: f64, at: [f64; 3]) -> RigidTransform {
         * forward
 }
 
-fn simulate(seed: u64, trouble: Imperfections) -> Simulated {
+fn simulate(seed: u64, trouble: Imperfections) -> SimulatedRig {
     let mut noise = Noise::new(seed);
     let mut lens = || CameraModel {
         width: 672,
@@ -263,11 +263,11 @@ fn simulate(seed: u64, trouble: Imperfections) -> Simulated {
             }
         }
     }
-    Simulated { input, cameras }
+    SimulatedRig { input, cameras }
 }
 
 /// Errors of one run: poses of cameras in the first one, `(m, rad, in sigmas)` per coordinate.
-fn rig_errors(truth: &Simulated, found: &Calibration) -> Vec<(f64, f64)> {
+fn rig_errors(truth: &SimulatedRig, found: &Calibration) -> Vec<(f64, f64)> {
     let mut errors = Vec::new();
     let mut add = |truth: RigidTransform, found: RigidTransform, covariance: Matrix6<f64>| {
         let off = crate::adjust::step_between(&truth, &found);

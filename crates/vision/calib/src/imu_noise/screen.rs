@@ -11,7 +11,7 @@ use super::config::ScreeningConfig;
 use super::series::{AXES, Finding, Series, Severity};
 
 /// Result of the screening.
-pub(super) struct Screened {
+pub(super) struct Screening {
     /// Sample period, s.
     pub(super) period_s: f64,
     /// Static runs without gap.
@@ -37,7 +37,7 @@ struct Screen<'a> {
     dead: [bool; 6],
 }
 
-pub(super) fn screen(series: &Series, config: &ScreeningConfig) -> Screened {
+pub(super) fn screen(series: &Series, config: &ScreeningConfig) -> Screening {
     let (mut samples, mut seconds) = (0, 0.0);
     for run in series.runs.iter().filter(|run| run.len() > 1) {
         samples += run.len() - 1;
@@ -71,7 +71,7 @@ pub(super) fn screen(series: &Series, config: &ScreeningConfig) -> Screened {
         screen.temperature();
     }
     let still = if usable { screen.left() } else { Vec::new() };
-    Screened {
+    Screening {
         period_s: screen.period_s,
         still,
         dead: screen.dead,

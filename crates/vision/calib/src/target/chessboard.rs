@@ -7,7 +7,7 @@ use super::config::{Config, LatticeConfig, MarkerConfig};
 use super::lattice::{self, Lattice};
 use super::refine::{self, Window};
 use super::saddle;
-use super::scene::{CornerCandidate, Found, Scene};
+use super::scene::{BoardCandidate, CornerCandidate, Scene};
 use fiducials::decode::{self, Book, Layout};
 use fiducials::square::{Square, distance};
 use imaging::ImageView;
@@ -44,11 +44,11 @@ fn rotated([x, y]: [i32; 2], turns: usize) -> [i32; 2] {
 }
 
 /// Finds a whole chessboard.
-pub(super) fn find(scene: &Scene, target: &Target, columns: i32, rows: i32) -> Found {
+pub(super) fn find(scene: &Scene, target: &Target, columns: i32, rows: i32) -> BoardCandidate {
     let needed = (columns * rows) as usize;
     let config = &scene.config.lattice;
     let least = (config.min_found_ratio * needed as f64) as usize;
-    let mut found: Option<Found> = None;
+    let mut found: Option<BoardCandidate> = None;
     let mut remark = None;
     for mut lattice in lattice::grow(&scene.saddles, &scene.links, least, config) {
         let mut places: Vec<[f64; 2]> = scene.saddles.iter().map(|s| s.at).collect();
@@ -68,9 +68,9 @@ pub(super) fn find(scene: &Scene, target: &Target, columns: i32, rows: i32) -> F
             continue;
         }
         if found.is_some() {
-            return Found {
+            return BoardCandidate {
                 remark: Some("two chessboards of this size"),
-                ..Found::default()
+                ..BoardCandidate::default()
             };
         }
         found = Some(place_chessboard(
@@ -82,9 +82,9 @@ pub(super) fn find(scene: &Scene, target: &Target, columns: i32, rows: i32) -> F
             &scene.config,
         ));
     }
-    found.unwrap_or(Found {
+    found.unwrap_or(BoardCandidate {
         remark,
-        ..Found::default()
+        ..BoardCandidate::default()
     })
 }
 
@@ -157,7 +157,7 @@ fn place_chessboard(
     columns: i32,
     rows: i32,
     config: &Config,
-) -> Found {
+) -> BoardCandidate {
     let (low, high) = lattice.extent();
     // Possible positions of the board's corner (0, 0): one for each quarter turn.
     let origins = [low, [high[0], low[1]], high, [low[0], high[1]]];
@@ -216,8 +216,8 @@ fn collect(
     size: [i32; 2],
     room: f64,
     config: &Config,
-) -> Found {
-    let mut found = Found::default();
+) -> BoardCandidate {
+    let mut found = BoardCandidate::default();
     for ((y, x), node) in &lattice.nodes {
         let [column, row] = placement.board_at([*x, *y]);
         if column < 0 || row < 0 || column >= size[0] || row >= size[1] {
@@ -268,7 +268,7 @@ pub(super) fn find_with_markers(
     scene: &Scene,
     target: &Target,
     config: &Config,
-) -> Found {
+) -> BoardCandidate {
     let &Target::Charuco {
         columns,
         rows,
@@ -278,7 +278,7 @@ pub(super) fn find_with_markers(
         ..
     } = target
     else {
-        return Found::default();
+        return BoardCandidate::default();
     };
     let board = Board {
         columns: columns as i32,
@@ -288,7 +288,7 @@ pub(super) fn find_with_markers(
         max_errors: config.max_bit_errors.min((dictionary.distance() - 1) / 2),
         own_id: own_ids(target),
     };
-    let mut found = Found::default();
+    let mut found = BoardCandidate::default();
     let mut twice = Vec::new();
     for mut lattice in lattice::grow(&scene.saddles, &scene.links, 4, &config.lattice) {
         let mut places: Vec<[f64; 2]> = scene.saddles.iter().map(|s| s.at).collect();

@@ -24,7 +24,7 @@ use super::config::Config;
 use imaging::ImageView;
 
 use super::refine::{self, Window};
-use super::scene::{CornerCandidate, Found, Scene};
+use super::scene::{BoardCandidate, CornerCandidate, Scene};
 use super::smooth::Smooth;
 use super::{chessboard, grid};
 use fiducials::square::distance;
@@ -89,11 +89,12 @@ pub fn detect(image: &ImageView<'_>, target: &Target, config: &Config) -> Detect
 pub fn detect_all(image: &ImageView<'_>, targets: &[Target], config: &Config) -> Vec<Detection> {
     let scene = Scene::of(Smooth::of(image), config);
     let noise = blur::noise(image);
-    let mut found: Vec<Found> = targets
+    let mut found: Vec<BoardCandidate> = targets
         .iter()
         .map(|t| find_board(image, &scene, t, config))
         .collect();
-    let complete = |found: &Found, target: &Target| found.corners.len() >= target.corners().len();
+    let complete =
+        |found: &BoardCandidate, target: &Target| found.corners.len() >= target.corners().len();
     let incomplete = targets.iter().zip(&found).any(|(t, f)| !complete(f, t));
     if config.half_size
         && incomplete
@@ -120,11 +121,16 @@ pub fn detect_all(image: &ImageView<'_>, targets: &[Target], config: &Config) ->
         .collect()
 }
 
-fn find_board(image: &ImageView<'_>, scene: &Scene, target: &Target, config: &Config) -> Found {
+fn find_board(
+    image: &ImageView<'_>,
+    scene: &Scene,
+    target: &Target,
+    config: &Config,
+) -> BoardCandidate {
     if target.invalid_reason().is_some() {
-        return Found {
+        return BoardCandidate {
             remark: Some("the board itself is impossible"),
-            ..Found::default()
+            ..BoardCandidate::default()
         };
     }
     match target {
@@ -140,7 +146,7 @@ fn find_board(image: &ImageView<'_>, scene: &Scene, target: &Target, config: &Co
 fn finish(
     image: &ImageView<'_>,
     smooth: &Smooth,
-    found: Found,
+    found: BoardCandidate,
     noise: f64,
     config: &Config,
 ) -> Detection {

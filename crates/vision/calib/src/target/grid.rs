@@ -13,7 +13,7 @@ use super::blur::Border;
 use super::config::Config;
 use super::refine::{self, Window};
 use super::saddle;
-use super::scene::{CornerCandidate, Found, Scene};
+use super::scene::{BoardCandidate, CornerCandidate, Scene};
 use fiducials::decode::{self, Book, Layout};
 use fiducials::square::{Square, distance};
 use imaging::ImageView;
@@ -35,7 +35,7 @@ pub(super) fn find(
     scene: &Scene,
     target: &Target,
     config: &Config,
-) -> Found {
+) -> BoardCandidate {
     let &Target::AprilGrid {
         columns,
         rows,
@@ -44,10 +44,10 @@ pub(super) fn find(
         ..
     } = target
     else {
-        return Found::default();
+        return BoardCandidate::default();
     };
     let Some((dictionary, border)) = target.dictionary() else {
-        return Found::default();
+        return BoardCandidate::default();
     };
     let grid = Grid {
         columns,
@@ -66,7 +66,7 @@ pub(super) fn find(
     };
     let (tags, doubles) = grid.consistent(scene, grid.read_squares(image, scene));
     let tags = grid.find_missing(image, scene, tags);
-    let mut found = Found::default();
+    let mut found = BoardCandidate::default();
     if doubles {
         found.remark = Some("some ids occur twice in the image");
     }

@@ -40,14 +40,14 @@ pub(super) struct CornerCandidate {
 
 /// A board before the final refinement.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Found {
+pub(super) struct BoardCandidate {
     pub(super) corners: Vec<CornerCandidate>,
     pub(super) borders: Vec<Border>,
     pub(super) half_turn: bool,
     pub(super) remark: Option<&'static str>,
 }
 
-impl Found {
+impl BoardCandidate {
     /// Converts from half the image size to full size.
     pub(super) fn enlarge(&mut self) {
         let up = |at: [f64; 2]| at.map(|v| 2.0 * v + 0.5);

@@ -13,10 +13,10 @@ use serde::Serialize;
 
 use super::camera;
 use super::config::{CameraImuConfig, Config, MotionConfig};
-use super::gyro::{Gyro, Integrated};
+use super::gyro::{Gyro, IntegratedGyro};
 use super::motion::{RotationEstimate, Start, solve};
 use super::pair::StereoPair;
-use super::robust::{Grouped, combine, median, sigmas_of, tukey};
+use super::robust::{ClusterSums, combine, median, sigmas_of, tukey};
 use super::segment::{Attitude, GyroAttitude, segment_features};
 use super::stereo::StereoAlignment;
 use super::tracks::Burst;
@@ -172,7 +172,7 @@ pub(super) fn estimate(
 }
 
 impl Camera<'_> {
-    fn integrated(&self, state: &State) -> Integrated<'_> {
+    fn integrated(&self, state: &State) -> IntegratedGyro<'_> {
         self.gyro
             .integrate(state.scale, state.bias, self.config.max_gap_s)
     }
@@ -239,7 +239,7 @@ impl Camera<'_> {
             towards[6] = -state.time_offset_s;
             let off = Vector3::repeat(1.0) - state.scale;
             towards.fixed_rows_mut::<3>(7).copy_from(&off);
-            let mut sum = Grouped::<10>::new(&[self.bursts.len()], &sigmas, &towards);
+            let mut sum = ClusterSums::<10>::new(&[self.bursts.len()], &sigmas, &towards);
             let gyro = self.integrated(state);
             let compared = |segment: &SegmentRotation| {
                 let (error, by) = residual(state, &gyro, segment)?;
@@ -313,14 +313,14 @@ impl Camera<'_> {
 /// gyroscope.
 fn predicted(
     state: &State,
-    gyro: &Integrated<'_>,
+    gyro: &IntegratedGyro<'_>,
     [from_ns, to_ns]: [f64; 2],
 ) -> Option<UnitQuaternion<f64>> {
     state.attitude(gyro).to_from(to_ns, from_ns)
 }
 
 impl State {
-    fn attitude<'a>(&self, gyro: &'a Integrated<'a>) -> GyroAttitude<'a> {
+    fn attitude<'a>(&self, gyro: &'a IntegratedGyro<'a>) -> GyroAttitude<'a> {
         GyroAttitude {
             imu_from_left: self.imu_from_left,
             late_ns: self.time_offset_s * 1e9,
@@ -332,7 +332,7 @@ impl State {
 /// Residual of a segment's rotation, and the Jacobian of the predicted rotation.
 fn residual(
     state: &State,
-    gyro: &Integrated<'_>,
+    gyro: &IntegratedGyro<'_>,
     segment: &SegmentRotation,
 ) -> Option<(Vector3<f64>, SMatrix<f64, 3, 10>)> {
     let [from, to] = segment.times_ns.map(|t| t - state.time_offset_s * 1e9);

@@ -24,7 +24,7 @@ pub(super) struct ParameterBlock {
 
 /// All measurements.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Measured {
+pub(super) struct Measurements {
     rows: Vec<(DMatrix<f64>, DVector<f64>, DMatrix<f64>)>,
 }
 
@@ -72,7 +72,7 @@ impl Estimate {
     }
 }
 
-impl Measured {
+impl Measurements {
     /// Adds rows of `H`, of `y`, and their covariance; independent of all others.
     pub(super) fn add(&mut self, by: DMatrix<f64>, value: DVector<f64>, covariance: DMatrix<f64>) {
         self.rows.push((by, value, covariance));
@@ -202,8 +202,8 @@ mod tests {
     fn differences(
         count: usize,
         values: &[(usize, usize, f64)],
-    ) -> (Measured, Vec<ParameterBlock>) {
-        let mut measured = Measured::default();
+    ) -> (Measurements, Vec<ParameterBlock>) {
+        let mut measured = Measurements::default();
         for (a, b, value) in values {
             let mut by = DMatrix::zeros(1, count);
             by[(0, *a)] = 1.0;
@@ -267,7 +267,7 @@ mod tests {
             "{decisions:?}"
         );
         assert!(matches!(
-            Measured::default().judge(&blocks, &DecisionConfig::default())[0],
+            Measurements::default().judge(&blocks, &DecisionConfig::default())[0],
             Decision::Unmeasured
         ));
     }

@@ -6,7 +6,7 @@ use serde::Serialize;
 use super::camera::{Camera, Tolerances};
 use super::camera_estimate::CameraEstimate;
 use super::config::DecisionConfig;
-use super::decision::{Decision, Estimate, Measured, ParameterBlock};
+use super::decision::{Decision, Estimate, Measurements, ParameterBlock};
 use super::gyro_pairs::GyroAlignment;
 
 /// A nominal parameter.
@@ -110,7 +110,7 @@ fn eyes(
         };
         let judge = |basis: &DMatrix<f64>| {
             let size = basis.ncols();
-            let mut measured = Measured::default();
+            let mut measured = Measurements::default();
             measured.add(
                 DMatrix::identity(size, size),
                 basis.transpose() * DVector::from_column_slice(&eyes.rotation_rad),
@@ -178,7 +178,7 @@ fn rotations(
     let columns = 6 * count;
     // Column 3k: camera k on the plate, about the rig's axes; 3 (count + k): IMU k in its camera,
     // about the left eye's.
-    let mut measured = Measured::default();
+    let mut measured = Measurements::default();
     for (k, camera) in found.iter().enumerate() {
         let Some(imu) = &camera.imu else { continue };
         let mut by = DMatrix::zeros(3, columns);
@@ -271,7 +271,7 @@ fn time_offsets(
     let count = cameras.len();
     let columns = 3 * count;
     let one = |variance: f64| DMatrix::from_element(1, 1, variance);
-    let mut measured = Measured::default();
+    let mut measured = Measurements::default();
     // Column k: images, count + k: samples, 2 count + k: the clock of both.
     for (k, camera) in found.iter().enumerate() {
         let Some(imu) = &camera.imu else { continue };

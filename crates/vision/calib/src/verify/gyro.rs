@@ -18,7 +18,7 @@ pub struct Gyro {
 
 /// A gyroscope with its bias removed, integrated.
 #[derive(Clone, Debug)]
-pub(super) struct Integrated<'a> {
+pub(super) struct IntegratedGyro<'a> {
     gyro: &'a Gyro,
     scale: Vector3<f64>,
     bias: Vector3<f64>,
@@ -88,7 +88,7 @@ impl Gyro {
         scale: Vector3<f64>,
         bias: Vector3<f64>,
         max_gap_s: f64,
-    ) -> Integrated<'_> {
+    ) -> IntegratedGyro<'_> {
         let count = self.rates.len();
         let (mut attitudes, mut sums) = (Vec::with_capacity(count), Vec::with_capacity(count));
         let (mut attitude, mut sum) = (UnitQuaternion::identity(), Vector3::zeros());
@@ -103,7 +103,7 @@ impl Gyro {
             attitudes.push(attitude);
             sums.push(sum);
         }
-        Integrated {
+        IntegratedGyro {
             gyro: self,
             scale,
             bias,
@@ -114,7 +114,7 @@ impl Gyro {
     }
 }
 
-impl Integrated<'_> {
+impl IntegratedGyro<'_> {
     /// The sample before a time, and the remaining time, s; `None` where nothing is known.
     fn before(&self, time_ns: f64) -> Option<(usize, f64)> {
         let times = &self.gyro.times_ns;

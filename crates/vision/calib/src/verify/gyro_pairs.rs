@@ -14,8 +14,8 @@ use nalgebra::{Matrix3, SMatrix, SVector, UnitQuaternion, Vector3};
 use serde::Serialize;
 
 use super::config::{Config, GyroPairConfig};
-use super::gyro::{Gyro, Integrated};
-use super::robust::{Grouped, median, sigmas_of, tukey};
+use super::gyro::{Gyro, IntegratedGyro};
+use super::robust::{ClusterSums, median, sigmas_of, tukey};
 
 const PARAMETERS: usize = 16;
 
@@ -115,7 +115,7 @@ pub(super) fn estimate(
             1.0 + now[5],
         );
         let b_of_a = turn.to_rotation_matrix().into_inner() * nominal;
-        let mut sum = Grouped::<PARAMETERS>::new(&[blocks as usize], &sigmas, &-now);
+        let mut sum = ClusterSums::<PARAMETERS>::new(&[blocks as usize], &sigmas, &-now);
         let mut sizes = Vec::with_capacity(3 * windows.len());
         for (group, at, sum_b) in &windows {
             let (at_a, end_a) = (
@@ -191,15 +191,15 @@ impl ObservableDirections {
     fn new(
         nominal: &Matrix3<f64>,
         windows: &[Window],
-        sum_a: &Integrated<'_>,
-        sum_b: &Integrated<'_>,
+        sum_a: &IntegratedGyro<'_>,
+        sum_b: &IntegratedGyro<'_>,
         config: &GyroPairConfig,
     ) -> Self {
         // Rotation of each in a window, and the change of its rate.
         let both = |(_, at, b): &Window| {
             let end = at + config.window_ns as f64;
             let a = nominal * sum_a.sum(*at, end)?;
-            let change = |of: &Integrated<'_>| Some(of.rate(end)? - of.rate(*at)?);
+            let change = |of: &IntegratedGyro<'_>| Some(of.rate(end)? - of.rate(*at)?);
             Some(([a, *b], [nominal * change(sum_a)?, change(sum_b)?]))
         };
         let both: Vec<_> = windows.iter().filter_map(both).collect();

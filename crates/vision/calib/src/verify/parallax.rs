@@ -16,7 +16,7 @@ use nalgebra::{Matrix2, SMatrix, UnitQuaternion, Vector2, Vector3};
 
 use super::camera::Camera;
 use super::config::{CameraImuConfig, Config, MotionConfig, ParallaxConfig, ReadoutConfig};
-use super::gyro::Integrated;
+use super::gyro::IntegratedGyro;
 use super::motion::{
     LinearFeature, MOTION_PARAMETERS, RotationEstimate, SegmentFeature, Solution, Start, solve,
 };
@@ -42,7 +42,7 @@ pub(super) struct Parallax<'a> {
     camera: &'a Camera<'a>,
     config: &'a ParallaxConfig,
     motion: &'a MotionConfig,
-    gyro: Option<(UnitQuaternion<f64>, Integrated<'a>)>,
+    gyro: Option<(UnitQuaternion<f64>, IntegratedGyro<'a>)>,
     readout: &'a ReadoutConfig,
     line_s: f64,
     line_sigma_s: f64,

@@ -50,7 +50,7 @@ pub(super) fn combine(estimates: &[[f64; 2]], [expected, sigma]: [f64; 2]) -> [f
 /// Accumulates `JᵀWJ` and `JᵀWr` in total and per cluster, for one or more partitions of the
 /// observations into clusters.
 #[derive(Clone, Debug)]
-pub(super) struct Grouped<const N: usize> {
+pub(super) struct ClusterSums<const N: usize> {
     pub(super) information: SMatrix<f64, N, N>,
     pub(super) gradient: SVector<f64, N>,
     partitions: Vec<Vec<Cluster<N>>>,
@@ -62,7 +62,7 @@ struct Cluster<const N: usize> {
     gradient: SVector<f64, N>,
 }
 
-impl<const N: usize> Grouped<N> {
+impl<const N: usize> ClusterSums<N> {
     /// With prior standard deviations of the parameters about `expected - now`; infinite for no
     /// prior. `groups` are the numbers of clusters of each partition.
     pub(super) fn new(

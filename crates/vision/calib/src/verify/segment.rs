@@ -5,7 +5,7 @@ use camera_models::Lens;
 use nalgebra::{UnitQuaternion, Vector3};
 
 use super::config::MotionConfig;
-use super::gyro::Integrated;
+use super::gyro::IntegratedGyro;
 use super::motion::{ByLine, SegmentFeature};
 use super::pair::StereoPair;
 use super::tracks::TrackSegment;
@@ -23,7 +23,7 @@ pub(super) struct GyroAttitude<'a> {
     pub(super) imu_from_left: UnitQuaternion<f64>,
     /// Image times minus times of samples, ns.
     pub(super) late_ns: f64,
-    pub(super) gyro: &'a Integrated<'a>,
+    pub(super) gyro: &'a IntegratedGyro<'a>,
 }
 
 impl Attitude for GyroAttitude<'_> {

@@ -11,7 +11,7 @@
 //!
 //! The differences of the lenses are unknowns with a prior. Residuals of neighbouring matches are
 //! correlated, because lenses deviate from their model and objects move: the covariance is that of
-//! the jackknife over bursts and over image regions ([`Grouped::jackknife`]).
+//! the jackknife over bursts and over image regions ([`ClusterSums::jackknife`]).
 
 use camera_models::StereoCalibration;
 use nalgebra::{Matrix1, Matrix3, SVector, Vector3};
@@ -22,7 +22,7 @@ use super::camera::Camera;
 use super::config::{Config, StereoConfig};
 use super::pair::{STEREO_PARAMETERS, StereoPair, TriangulatedMatch};
 use super::parallax::Parallax;
-use super::robust::{Grouped, median, sigmas_of, tukey};
+use super::robust::{ClusterSums, median, sigmas_of, tukey};
 use super::tracks::Burst;
 
 /// Result; see the module.
@@ -126,7 +126,7 @@ pub(super) fn estimate(camera: &Camera<'_>, all: &Config) -> Option<StereoAlignm
     let groups = [bursts.len(), columns * rows];
     let add_rows = |pair: &StereoPair| {
         let of = Rows::new(pair, &matches, config);
-        let mut sum = Grouped::<STEREO_PARAMETERS>::new(&groups, &sigmas, &-pair.unknowns());
+        let mut sum = ClusterSums::<STEREO_PARAMETERS>::new(&groups, &sigmas, &-pair.unknowns());
         for (m, placed, weight) in of.inliers() {
             sum.add(
                 &[m.group, region(m.left)],

@@ -57,7 +57,7 @@ impl Gait {
 }
 
 /// A camera with its actual and nominal calibration, and its observations.
-struct Made {
+struct SimulatedCamera {
     name: &'static str,
     nominal: StereoCalibration,
     rig_from_left: RigidTransform,
@@ -102,7 +102,7 @@ fn stereo() -> StereoCalibration {
 }
 
 /// `moving` is the fraction of features on moving objects.
-fn make(gait: Gait, moving: f64, seed: u64) -> Vec<Made> {
+fn make(gait: Gait, moving: f64, seed: u64) -> Vec<SimulatedCamera> {
     // Optical axes to the rig's: x right, y down, z forward.
     let ahead = RigidTransform::from_wxyz([0.5, -0.5, 0.5, -0.5], [0.0; 3]).unwrap();
     let out = |yaw: f64, pitch: f64, y: f64| {
@@ -116,7 +116,7 @@ fn make(gait: Gait, moving: f64, seed: u64) -> Vec<Made> {
     let camera = |(k, (name, rig_from_left)): (usize, (&'static str, RigidTransform))| {
         let nominal = stereo();
         let mut draw = Draw(seed * 10 + k as u64);
-        Made {
+        SimulatedCamera {
             name,
             gyro: gyro(gait, &nominal, &rig_from_left, &mut draw),
             bursts: (0..8)
@@ -211,7 +211,7 @@ fn burst(
     }
 }
 
-fn camera(made: &Made) -> Camera<'_> {
+fn camera(made: &SimulatedCamera) -> Camera<'_> {
     Camera {
         name: made.name,
         nominal: &made.nominal,
@@ -223,7 +223,7 @@ fn camera(made: &Made) -> Camera<'_> {
     }
 }
 
-fn verified(made: &[Made]) -> Verification {
+fn verified(made: &[SimulatedCamera]) -> Verification {
     let cameras: Vec<Camera<'_>> = made.iter().map(camera).collect();
     verify(&cameras, &Tolerances::default(), &Config::default())
 }
@@ -326,13 +326,13 @@ fn rotated_imu_is_distinguished_from_a_rotated_camera() {
 #[test]
 fn image_imu_and_clock_time_offsets_are_distinguished() {
     let late_ns = 3_000_000;
-    let images = |made: &mut Made| {
+    let images = |made: &mut SimulatedCamera| {
         for of in made.bursts.iter_mut().flat_map(|b| &mut b.segments) {
             of.from_ns += late_ns;
             of.to_ns += late_ns;
         }
     };
-    let check = |made: &[Made], parameter: Parameter| {
+    let check = |made: &[SimulatedCamera], parameter: Parameter| {
         let found = verified(made);
         let one = only(&found, parameter, "right_shoulder");
         assert!((one.estimate[0] - 3e-3).abs() < 6e-4, "{one:#?}");

@@ -13,7 +13,7 @@ use serde::{Deserialize, Serialize};
 use super::config::{Config, TrackingConfig};
 use super::corners::corners;
 use super::epipolar_search::{self, Area};
-use super::gyro::{Gyro, Integrated};
+use super::gyro::{Gyro, IntegratedGyro};
 use super::pyramid::ScaledPyramid;
 
 /// Side of tracked patches, px.
@@ -65,7 +65,7 @@ pub struct FeatureTracker<'a> {
     lenses: [Lens; 2],
     right_from_left: (UnitQuaternion<f64>, Vector3<f64>),
     /// Gyroscope for prediction, with its extrinsics.
-    gyro: Option<(UnitQuaternion<f64>, Integrated<'a>)>,
+    gyro: Option<(UnitQuaternion<f64>, IntegratedGyro<'a>)>,
     previous: Option<PreviousFrame>,
     burst: Burst,
 }

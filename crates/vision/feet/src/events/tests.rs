@@ -309,7 +309,7 @@ fn habits_are_not_learned_from_irregular_steps() {
     });
     let habit = StrikeHabit::generic(&config.events);
     let strikes =
-        [left, right].map(|own| strikes(&own, &Unseen::default(), &habit, &config.events));
+        [left, right].map(|own| strikes(&own, &UnseenIntervals::default(), &habit, &config.events));
     let lift_of = |k: usize| {
         let strikes = Strikes::new(&strikes[0], &strikes[1]);
         let habit = LiftHabit::generic(&config.events);

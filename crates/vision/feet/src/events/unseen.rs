@@ -17,9 +17,9 @@ const NEAR_S: f64 = 0.3;
 
 /// Ordered times in which no frame shows a foot: begin and end, s.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Unseen(Vec<[f64; 2]>);
+pub(super) struct UnseenIntervals(Vec<[f64; 2]>);
 
-impl Unseen {
+impl UnseenIntervals {
     pub(super) fn of(feet: &[FootStances<'_>; 2]) -> Self {
         let observations = feet.each_ref().map(|foot| foot.observations);
         Self(unseen_intervals(observations, MIN_UNSEEN_S))

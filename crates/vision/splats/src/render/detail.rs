@@ -22,7 +22,7 @@ use std::ops::Range;
 
 use rayon::prelude::*;
 
-use self::baked::Baked;
+use self::baked::BakedBlocks;
 use self::camera::{Rectangle, RegionCamera};
 use self::config::DetailConfig;
 use self::merge::Merging;
@@ -80,7 +80,7 @@ const MAX_SHARE: f64 = 0.9;
 pub struct DetailScene {
     /// Gaussians of all levels, node by node.
     scene: Scene,
-    baked: Baked,
+    baked: BakedBlocks,
     nodes: Nodes,
     config: DetailConfig,
 }
@@ -119,7 +119,7 @@ impl DetailScene {
             .par_chunks(config.cluster)
             .map(|indices| scene.splats.select(indices))
             .collect();
-        let mut built = Built::new(scene.splats.degree());
+        let mut built = LevelBuilder::new(scene.splats.degree());
         built.add(&level, 0);
         let merging = Merging::new(config);
         for _ in 0..config.levels {
@@ -172,17 +172,17 @@ impl DetailScene {
 }
 
 /// What a scene consists of, while its levels are made.
-struct Built {
+struct LevelBuilder {
     planes: Vec<Vec<f32>>,
-    baked: Baked,
+    baked: BakedBlocks,
     nodes: Nodes,
 }
 
-impl Built {
+impl LevelBuilder {
     fn new(degree: usize) -> Self {
         Self {
             planes: vec![Vec::new(); Plane::count(degree)],
-            baked: Baked::new(degree),
+            baked: BakedBlocks::new(degree),
             nodes: Nodes::default(),
         }
     }

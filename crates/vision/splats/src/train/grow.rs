@@ -26,7 +26,7 @@ const STREAM: u64 = 0x7370_6c69;
 
 /// What was gathered of a Gaussian since the last round.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Observed {
+pub struct GrowthStatistics {
     /// Largest error that it showed in a view, times pixels.
     pub error_px: f32,
     /// Instants with an error above the limit, counted as they change.
@@ -43,7 +43,7 @@ pub struct Observed {
 
 #[derive(Clone, Debug)]
 pub(super) struct Growth {
-    pub(super) observed: Vec<Observed>,
+    pub(super) observed: Vec<GrowthStatistics>,
     seed: u64,
     rounds: u64,
 }
@@ -58,7 +58,7 @@ pub(super) struct Round {
 impl Growth {
     pub(super) fn new(count: usize, seed: u64) -> Self {
         Self {
-            observed: vec![Observed::default(); count],
+            observed: vec![GrowthStatistics::default(); count],
             seed,
             rounds: 0,
         }
@@ -136,7 +136,7 @@ impl Growth {
         let order = morton_order(splats);
         *splats = splats.select(&order);
         adam.select(&order);
-        self.observed = vec![Observed::default(); splats.len()];
+        self.observed = vec![GrowthStatistics::default(); splats.len()];
         self.rounds += 1;
     }
 
@@ -203,7 +203,7 @@ impl Growth {
     }
 }
 
-impl State for Observed {
+impl State for GrowthStatistics {
     fn visit(&mut self, codec: &mut Codec<'_>) -> Result<(), SplatError> {
         self.error_px.visit(codec)?;
         self.instants.visit(codec)?;

@@ -1,13 +1,15 @@
 //! What a view shows of surfaces: their normals and colors, and which of them it sees through.
 
 use super::block::{Block, EDGE, NORMAL_STEPS, SurfaceLayer, WEIGHT_STEPS};
-use super::update::{Fused, LAYER, MAX_WEIGHT, Rules, Update, Values, Voxels, layer_mut, sum};
+use super::update::{
+    LAYER, LayerObservations, MAX_WEIGHT, Rules, Update, Values, Voxels, layer_mut, sum,
+};
 use crate::instructions::{smaller, truncated};
 
 impl Update<'_> {
     /// Mean normals, counts and colors at a surface.
     #[inline(always)]
-    pub(super) fn observe(&mut self, first: usize, voxels: &Voxels, fused: &Fused) {
+    pub(super) fn observe(&mut self, first: usize, voxels: &Voxels, fused: &LayerObservations) {
         let mut normals = [[0.0f32; LAYER]; 3];
         let [x, y, z] = &mut normals;
         for i in 0..LAYER {

@@ -79,7 +79,7 @@ pub(crate) struct Row<'a> {
 }
 
 /// The planes of cells at the pixels of a row.
-struct Predicted {
+struct CellPlanes {
     /// Inverse depth; NaN without plane.
     inverse: Vec<f32>,
     /// See [`Pixel::cos`].
@@ -176,10 +176,10 @@ impl Outputs {
 
 impl Row<'_> {
     #[inline(always)]
-    fn predicted(&self) -> Predicted {
+    fn predicted(&self) -> CellPlanes {
         let width = self.pixels.len();
         let zeros = || vec![0.0f32; width];
-        let mut predicted = Predicted {
+        let mut predicted = CellPlanes {
             inverse: zeros(),
             cos: zeros(),
             right: zeros(),
@@ -215,7 +215,7 @@ impl Row<'_> {
 
     /// Marks pixels beside which something is farther than their plane by more than a step.
     #[inline(always)]
-    fn mark_seam(&self, predicted: &mut Predicted) {
+    fn mark_seam(&self, predicted: &mut CellPlanes) {
         let width = self.pixels.len();
         let (margin, height) = (self.rules.margin, self.view.size[1]);
         let line = |row: usize| &self.view.depth_m[row * width..][..width];
@@ -224,7 +224,7 @@ impl Row<'_> {
             &self.depth[own..][..width],
             &self.view.sigma_m[own..][..width],
         );
-        let Predicted {
+        let CellPlanes {
             inverse,
             right,
             down,

@@ -121,7 +121,7 @@ pub(super) struct Voxels {
 }
 
 /// Observations of the voxels of a layer.
-pub(super) struct Fused {
+pub(super) struct LayerObservations {
     /// Share of the observation in the new value.
     pub(super) alpha: Values,
     /// 1 for voxels at the surface, 0 for others.
@@ -258,13 +258,13 @@ impl Update<'_> {
 
     /// Weighted means with the distances along the normals.
     #[inline(always)]
-    fn fuse(&mut self, first: usize, voxels: &Voxels, is_fused: &Values) -> Fused {
+    fn fuse(&mut self, first: usize, voxels: &Voxels, is_fused: &Values) -> LayerObservations {
         let rules = *self.rules;
         let (mut right, mut down) = ([0.0f32; LAYER], [0.0f32; LAYER]);
         for i in 0..LAYER {
             [right[i], down[i]] = self.normals[voxels.cell[i] as usize].per_px;
         }
-        let mut fused = Fused {
+        let mut fused = LayerObservations {
             alpha: [0.0; LAYER],
             is_near: [0.0; LAYER],
         };

@@ -13,7 +13,7 @@ const MERGE_GAP_M: f64 = 0.06;
 type Bounds = (Vector3<f64>, Vector3<f64>);
 
 /// A region with its bounds and moments.
-type Kept = (Region, Bounds, Moments);
+type RegionSummary = (Region, Bounds, Moments);
 
 /// Vertices on a plane.
 pub(crate) struct Region {
@@ -206,7 +206,7 @@ fn merged(
         }
         moments
     };
-    let mut kept: Vec<Kept> = Vec::new();
+    let mut kept: Vec<RegionSummary> = Vec::new();
     for region in regions {
         let (own_bounds, own) = (bounds(&region), moments(&region));
         let part_of = kept.iter().position(|(larger, (low, high), moments)| {

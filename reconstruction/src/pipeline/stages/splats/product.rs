@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 use cad_transforms::RigidTransform;
 use scene_bundle::outputs::splats::{
     HeldOut, SplatBackground, SplatCheck, SplatContent, SplatCoverage, SplatCoverageContent,
-    SplatNeighbor, SplatObserved, SplatScene, SplatSector, SplatSpaceBlock, SplatTraining,
+    SplatNeighbor, SplatObservation, SplatScene, SplatSector, SplatSpaceBlock, SplatTraining,
     SplatView, write,
 };
 use scene_bundle::{BundleError, Draft};
@@ -164,8 +164,8 @@ fn seen(parts: &[&Part]) -> SplatCoverageContent {
     content
 }
 
-fn observed(coverage: &Coverage) -> Vec<SplatObserved> {
-    let seen = coverage.gaussians().iter().map(|seen| SplatObserved {
+fn observed(coverage: &Coverage) -> Vec<SplatObservation> {
+    let seen = coverage.gaussians().iter().map(|seen| SplatObservation {
         instants: seen.instants,
         directions: seen.directions.0,
         finest_m: seen.finest_m,

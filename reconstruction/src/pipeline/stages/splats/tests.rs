@@ -61,11 +61,11 @@ fn processor() -> On {
 }
 
 /// A device that is lost after some runs of steps, which it leaves to nobody.
-pub(super) struct Lost {
+pub(super) struct FailingDevice {
     pub(super) runs: usize,
 }
 
-impl TrainingDevice for Lost {
+impl TrainingDevice for FailingDevice {
     fn run(
         &mut self,
         _run: &TrainingRun<'_>,
@@ -92,7 +92,7 @@ fn the_processor_takes_over_from_a_lost_device_only_if_asked() {
             &[],
             &config,
             &no_file(),
-            On::new(Ok(Some(Box::new(Lost { runs: 1 }))), falls_back).expect("a device"),
+            On::new(Ok(Some(Box::new(FailingDevice { runs: 1 }))), falls_back).expect("a device"),
             &mut |now| steps.push(now.steps),
         );
         // A run ends at a hundred steps.

@@ -3,11 +3,11 @@
 use anyhow::{Result, ensure};
 use session_archive::record::paws::gap::Cause;
 
-use super::{CAMERA, Fault, Left, case};
+use super::{CAMERA, Fault, FaultRun, case};
 use crate::case::{Bench, Case};
 use crate::cases::config::{CAMERAS, IMU};
 
-fn happen(bench: &Bench, during: &'static str) -> Result<Left> {
+fn happen(bench: &Bench, during: &'static str) -> Result<FaultRun> {
     let fault = Fault {
         during,
         ..Fault::default()
@@ -16,7 +16,7 @@ fn happen(bench: &Bench, during: &'static str) -> Result<Left> {
 }
 
 /// One camera is hit, for one cause, and comes back; how much it misses.
-fn one_camera(left: &Left, cause: Cause) -> Result<u64> {
+fn one_camera(left: &FaultRun, cause: Cause) -> Result<u64> {
     left.others_are_whole(&[CAMERA])?;
     left.is_back(CAMERA)?;
     left.missing(CAMERA, cause)

@@ -3,11 +3,11 @@
 use anyhow::{Result, ensure};
 use session_archive::record::paws::gap::Cause;
 
-use super::{Fault, Left, case, is_accounted_for};
+use super::{Fault, FaultRun, case, is_accounted_for};
 use crate::case::{Bench, Case, Report};
 use crate::cases::config::{CAMERAS, IMU};
 
-fn happen(bench: &Bench, during: &'static str) -> Result<Left> {
+fn happen(bench: &Bench, during: &'static str) -> Result<FaultRun> {
     let fault = Fault {
         on_disk: true,
         during,
@@ -19,7 +19,7 @@ fn happen(bench: &Bench, during: &'static str) -> Result<Left> {
 /// The disk broke three seconds after the start, for good, was mended, and the daemon started
 /// again: it had said that it failed, closed what was left, and recorded once more. Returns the
 /// seconds left of the first recording.
-fn broken_and_mended(left: &Left) -> Result<f64> {
+fn broken_and_mended(left: &FaultRun) -> Result<f64> {
     let during = left.file("broken.json")?;
     ensure!(
         during.contains("\"state\":\"fault\"") && during.contains("recording ended by a failure"),
@@ -30,7 +30,7 @@ fn broken_and_mended(left: &Left) -> Result<f64> {
 
 /// The first recording was cut off, was closed by the next start, and the next one is whole.
 /// Seconds left of the first.
-fn cut_off_and_closed(left: &Left) -> Result<f64> {
+fn cut_off_and_closed(left: &FaultRun) -> Result<f64> {
     ensure!(left.sessions.len() == 2, "{} sessions", left.sessions.len());
     for session in &left.sessions {
         is_accounted_for(session)?;
@@ -168,7 +168,7 @@ pub(super) const BAD_PLACE: Case = case(
 );
 
 /// A disk that is late loses nothing: the queue to the recorder holds minutes of this rig.
-fn loses_nothing(bench: &Bench, left: &Left) -> Result<Report> {
+fn loses_nothing(bench: &Bench, left: &FaultRun) -> Result<Report> {
     left.others_are_whole(&[])?;
     left.report(bench, &[], "nothing is missing".into())
 }

@@ -4,13 +4,13 @@ use anyhow::{Result, ensure};
 use session_archive::record::paws::event::Kind;
 use session_archive::record::paws::gap::Cause;
 
-use super::{Fault, Left, case};
+use super::{Fault, FaultRun, case};
 use crate::case::{Bench, Case};
 use crate::cases::config::IMU;
 
 /// The IMU with these arguments, in a recording that begins in its first second and ends in its
 /// sixteenth.
-fn happen(bench: &Bench, given: &'static str) -> Result<Left> {
+fn happen(bench: &Bench, given: &'static str) -> Result<FaultRun> {
     let fault = Fault {
         given,
         during: "sleep 9",
@@ -20,7 +20,7 @@ fn happen(bench: &Bench, given: &'static str) -> Result<Left> {
 }
 
 /// Only the IMU is hit, it is back, and misses this number of samples.
-fn misses(left: &Left, cause: Cause, expected: std::ops::Range<u64>) -> Result<u64> {
+fn misses(left: &FaultRun, cause: Cause, expected: std::ops::Range<u64>) -> Result<u64> {
     left.others_are_whole(&[IMU])?;
     left.is_back(IMU)?;
     let missing = left.missing(IMU, cause)?;
@@ -33,7 +33,7 @@ fn misses(left: &Left, cause: Cause, expected: std::ops::Range<u64>) -> Result<u
 }
 
 /// Number of actions that the watchdog has reported.
-fn reports(left: &Left, what: &str) -> Result<usize> {
+fn reports(left: &FaultRun, what: &str) -> Result<usize> {
     let events = left.session()?.events.iter();
     let warnings = events.filter(|(kind, source, text)| {
         *kind == Kind::Warning && source == IMU && text.contains(what)

@@ -2,10 +2,10 @@
 
 use anyhow::{Result, ensure};
 
-use super::{Fault, Left, case};
+use super::{Fault, FaultRun, case};
 use crate::case::{Bench, Case, Report};
 
-fn happen(bench: &Bench, during: &'static str) -> Result<Left> {
+fn happen(bench: &Bench, during: &'static str) -> Result<FaultRun> {
     let fault = Fault {
         during,
         ..Fault::default()
@@ -14,7 +14,7 @@ fn happen(bench: &Bench, during: &'static str) -> Result<Left> {
 }
 
 /// Two sessions, both whole; the first one was stopped by a button.
-fn two_takes(bench: &Bench, left: &Left, line: &str) -> Result<Report> {
+fn two_takes(bench: &Bench, left: &FaultRun, line: &str) -> Result<Report> {
     left.two_whole_sessions("button")?;
     left.report(bench, &[], line.to_owned())
 }

@@ -39,7 +39,7 @@ fn coverage_path(sector: usize) -> String {
 
 /// What views saw of a Gaussian.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct SplatObserved {
+pub struct SplatObservation {
     /// Instants that saw it.
     pub instants: u32,
     /// Bits of the directions from which they did.
@@ -65,7 +65,7 @@ pub struct SplatSpaceBlock {
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct SplatCoverageContent {
     /// Of each sector a row for each Gaussian.
-    pub gaussians: Vec<Vec<SplatObserved>>,
+    pub gaussians: Vec<Vec<SplatObservation>>,
     /// Blocks with a seen voxel, by ascending index.
     pub space: Vec<SplatSpaceBlock>,
     /// Whether sky was seen in the direction of each texel, row by row.
@@ -88,7 +88,7 @@ impl SplatCoverage {
     }
 }
 
-impl SplatObserved {
+impl SplatObservation {
     fn is_valid(&self) -> bool {
         let share = |value: f32| (0.0..=1.0).contains(&value);
         let is_seen = self.instants > 0;
@@ -123,7 +123,7 @@ fn check(
     Ok(())
 }
 
-fn check_sector(path: &str, seen: &[SplatObserved], count: usize) -> Result<(), Fault> {
+fn check_sector(path: &str, seen: &[SplatObservation], count: usize) -> Result<(), Fault> {
     if seen.len() != count {
         let found = format!("{} rows", seen.len());
         return Err(Fault::new(path, found, "one for each Gaussian"));
@@ -205,11 +205,11 @@ pub fn read_coverage(
         let path = coverage_path(number);
         let (bytes, file) = (reader.read(&path)?, reader.file_path(&path));
         let rows = npy::rows(&bytes, COVERAGE_COLUMNS, &file)?;
-        let seen: Vec<SplatObserved> = rows
+        let seen: Vec<SplatObservation> = rows
             .map(|mut row| {
                 let (instants, directions) = (row.u32(), row.u64());
                 let [finest_m, color_error, depth_error] = row.f32();
-                SplatObserved {
+                SplatObservation {
                     instants,
                     directions,
                     finest_m,

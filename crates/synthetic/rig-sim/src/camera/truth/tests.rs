@@ -30,14 +30,14 @@ fn flow_follows_moving_surfaces_and_marks_occlusions() {
         let at = eye_at + Vector3::new(1.0, -0.1 * t, 0.0);
         (at, UnitQuaternion::identity())
     };
-    let fixed = Placed {
+    let fixed = SceneBody {
         body: &scene.fixed,
         first: 0,
         pose: &Still,
     };
     let placed = [
         fixed,
-        Placed {
+        SceneBody {
             body: &plate,
             first: fixed.next(),
             pose: &slides,

@@ -53,8 +53,8 @@ fn example() -> (Vec<State>, Shared, Track) {
 
 fn check<const M: usize>(
     name: &str,
-    found: &Whitened<M>,
-    of: impl Fn(&[State], &Shared) -> Whitened<M>,
+    found: &WhitenedFactor<M>,
+    of: impl Fn(&[State], &Shared) -> WhitenedFactor<M>,
     (states, shared): (&[State], &Shared),
 ) {
     let near = |column: usize, what: &str, by: SVector<f64, M>, expected: SVector<f64, M>| {

@@ -111,7 +111,7 @@ impl Kernel for Transform<'_> {
 }
 
 /// Eight Gaussians: their sums over pixels and their parameters, by lane.
-struct Gathered {
+struct BlockGradients {
     /// The moments, then red, green, blue, depth and its slope.
     sums: [[f32; LANES]; 12],
     /// Colors, to know where they are cut at 0.
@@ -124,8 +124,8 @@ struct Gathered {
 impl Transform<'_> {
     /// Sums the slots of eight Gaussians in order. Lanes beyond `count` repeat the first one.
     #[inline(always)]
-    fn gather(&mut self, start: usize, count: usize) -> Gathered {
-        let mut out = Gathered {
+    fn gather(&mut self, start: usize, count: usize) -> BlockGradients {
+        let mut out = BlockGradients {
             sums: [[0.0; LANES]; 12],
             color: [[0.0; LANES]; 3],
             parameters: [[0.0; LANES]; Plane::HARMONICS],
@@ -168,7 +168,7 @@ impl Transform<'_> {
 
     /// Stores the gradients of eight Gaussians; returns those of the motion, by lane.
     #[inline(always)]
-    fn block<V: Lanes>(&mut self, g: &Gathered, start: usize, count: usize) -> [V; 6] {
+    fn block<V: Lanes>(&mut self, g: &BlockGradients, start: usize, count: usize) -> [V; 6] {
         let parameter = |plane: usize| V::load(&g.parameters[plane]);
         let position = [parameter(0), parameter(1), parameter(2)];
         let scale = [parameter(3).exp(), parameter(4).exp(), parameter(5).exp()];
@@ -280,7 +280,7 @@ impl Transform<'_> {
     #[inline(always)]
     fn image<V: Lanes>(
         &self,
-        g: &Gathered,
+        g: &BlockGradients,
         root: &[[V; 3]; 2],
         depth_root: &[V; 3],
         z: V,
@@ -352,7 +352,7 @@ impl Transform<'_> {
     #[inline(always)]
     fn color<V: Lanes>(
         &mut self,
-        g: &Gathered,
+        g: &BlockGradients,
         place: &Placement<V>,
         start: usize,
         count: usize,

@@ -25,14 +25,14 @@ const LOG_OF_NONE: f32 = -1e30;
 
 /// Blocks of eight Gaussians, one after the other.
 #[derive(Clone, Debug)]
-pub(super) struct Baked {
+pub(super) struct BakedBlocks {
     rows: Vec<Row>,
     /// Rows of a block.
     stride: usize,
     degree: usize,
 }
 
-impl Baked {
+impl BakedBlocks {
     pub(super) fn new(degree: usize) -> Self {
         Self {
             rows: Vec::new(),

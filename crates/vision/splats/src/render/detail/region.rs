@@ -4,7 +4,7 @@
 //! blended when no node is left that could have a nearer one. Nodes and Gaussians that reach only
 //! complete pixels are left out, before or after their projection.
 
-use super::baked::{self, Baked, Row, load3};
+use super::baked::{self, BakedBlocks, Row, load3};
 use super::camera::{Rectangle, RegionCamera};
 use super::config::DetailConfig;
 use super::nodes::{Candidate, Nodes};
@@ -50,7 +50,7 @@ type Key = (u32, u32);
 #[derive(Clone, Copy)]
 pub(super) struct Contents<'a> {
     pub(super) nodes: &'a Nodes,
-    pub(super) baked: &'a Baked,
+    pub(super) baked: &'a BakedBlocks,
     pub(super) config: &'a DetailConfig,
 }
 
@@ -122,7 +122,7 @@ impl Kernel for Region<'_> {
 }
 
 /// Eight Gaussians in the region.
-struct Projected<V> {
+struct ProjectedBlock<V> {
     mean: [V; 2],
     /// Half of the box around the ellipse, px.
     extent: [V; 2],
@@ -138,7 +138,7 @@ struct Projected<V> {
 impl RegionCamera<'_> {
     /// Appends the sprites of a block.
     #[inline(always)]
-    fn project<V: Lanes>(&self, baked: &Baked, block: usize, scratch: &mut Scratch) {
+    fn project<V: Lanes>(&self, baked: &BakedBlocks, block: usize, scratch: &mut Scratch) {
         let s = V::splat;
         let (view, rows) = (self.view, baked.block(block));
         let position = load3::<V>(rows, baked::POSITION);
@@ -220,7 +220,7 @@ impl RegionCamera<'_> {
         let slope = Slope::new(&root, &depth_root, &shape, z, (view, self.config));
         let inverse = s(1.0) / determinant;
         self.append(
-            &Projected {
+            &ProjectedBlock {
                 mean,
                 extent,
                 conic: [yy * inverse, -xy * inverse, xx * inverse, inverse],
@@ -237,7 +237,7 @@ impl RegionCamera<'_> {
 
     /// Appends those of eight Gaussians that reach pixels that are not complete.
     #[inline(always)]
-    fn append<V: Lanes>(&self, of: &Projected<V>, mut visible: u32, scratch: &mut Scratch) {
+    fn append<V: Lanes>(&self, of: &ProjectedBlock<V>, mut visible: u32, scratch: &mut Scratch) {
         let (mean, extent) = (&of.mean, &of.extent);
         let size = self.rectangle.size;
         let slack = V::splat(SLACK_PX);

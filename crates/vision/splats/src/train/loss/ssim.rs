@@ -85,12 +85,12 @@ pub(super) fn add(
 }
 
 /// A row with zeros around it.
-struct Padded {
+struct PaddedRow {
     values: Vec<f32>,
     width: usize,
 }
 
-impl Padded {
+impl PaddedRow {
     /// Values that the window of eight pixels needs.
     const REACH: usize = LANES + 2 * RADIUS;
 
@@ -125,7 +125,7 @@ impl Padded {
 
 /// Eight values from an offset on, at most twice the radius.
 #[inline(always)]
-fn at<V: Lanes>(from: &[f32; Padded::REACH], offset: usize) -> V {
+fn at<V: Lanes>(from: &[f32; PaddedRow::REACH], offset: usize) -> V {
     match from[offset..].first_chunk::<LANES>() {
         Some(values) => V::load(values),
         None => V::splat(0.0),
@@ -203,7 +203,7 @@ impl Kernel for Forward<'_> {
     fn run<V: Lanes>(self) -> f64 {
         let rows = || Rows::new(self.width);
         let mut all = [rows(), rows(), rows(), rows(), rows()];
-        let mut padded = Padded::new(self.width);
+        let mut padded = PaddedRow::new(self.width);
         for (row, position) in Rows::around(self.top, self.height) {
             let range = row * self.width..(row + 1) * self.width;
             let (x, y) = (&self.x[range.clone()], &self.y[range]);
@@ -290,7 +290,7 @@ impl Kernel for Backward<'_> {
     fn run<V: Lanes>(self) {
         let rows = || Rows::new(self.width);
         let mut all = [rows(), rows(), rows()];
-        let mut padded = Padded::new(self.width);
+        let mut padded = PaddedRow::new(self.width);
         for (row, position) in Rows::around(self.top, self.height) {
             let range = row * self.width..(row + 1) * self.width;
             for (by, rows) in self.by.iter().zip(&mut all) {

@@ -16,7 +16,7 @@ use crate::error::SplatError;
 use crate::render::Renderer;
 use crate::scene::{Exposure, Scene};
 use crate::train::config::TrainConfig;
-use crate::train::grow::Observed;
+use crate::train::grow::GrowthStatistics;
 use crate::train::schedule;
 use crate::train::view::TrainingView;
 
@@ -37,7 +37,7 @@ pub struct TrainingState {
     /// Both moments of the background's colors.
     pub background: Vec<[[f32; 2]; 3]>,
     /// What was gathered of each Gaussian since its number changed last.
-    pub observed: Vec<Observed>,
+    pub observed: Vec<GrowthStatistics>,
 }
 
 /// One step of a training.

@@ -14,7 +14,7 @@ use super::super::evaluation::{HeldOutResult, Whole};
 use super::super::fit::Progress;
 use super::super::images::HeldOutImages;
 use super::super::output_sectors::output_sectors;
-use super::super::tests::Lost;
+use super::super::tests::FailingDevice;
 use super::*;
 use crate::pipeline::stages::preset::Preset;
 
@@ -131,7 +131,7 @@ fn views_of_each(cells: &Cells) -> Vec<SectorViews> {
     vec![SectorViews { training, held_out }; cells.count()]
 }
 
-type Seen = Vec<(usize, usize)>;
+type ProgressSteps = Vec<(usize, usize)>;
 
 /// Trains all sectors of a number of cells; gives also the steps of the progress.
 fn train(
@@ -139,7 +139,7 @@ fn train(
     cells: &Cells,
     config: &SplatsConfig,
     at: &mut dyn FnMut(usize, usize),
-) -> (Vec<SectorResult>, Seen) {
+) -> (Vec<SectorResult>, ProgressSteps) {
     let checkpoints = CheckpointFiles {
         folder: folder.to_owned(),
         version: 3,
@@ -333,7 +333,7 @@ fn the_processor_takes_over_in_all_sectors_after_a_lost_device_only_if_asked() {
         let mut opened = 0;
         let mut on = || {
             opened += 1;
-            let device: Box<dyn TrainingDevice> = Box::new(Lost { runs: 0 });
+            let device: Box<dyn TrainingDevice> = Box::new(FailingDevice { runs: 0 });
             match opened {
                 1 => On::new(Ok(Some(device)), falls_back),
                 _ => On::new(Err("the GPU was lost before".into()), falls_back),
