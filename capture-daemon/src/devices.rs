@@ -198,7 +198,7 @@ fn query(path: &Path, found: &mut FoundCamera) -> Result<(), String> {
     Ok(())
 }
 
-fn imu(found: &zed::imu::Found) -> FoundImu {
+fn imu(found: &zed::imu::ImuDevice) -> FoundImu {
     let mut problems = Vec::new();
     if let Err(error) = std::fs::OpenOptions::new()
         .read(true)

@@ -29,7 +29,8 @@ pub use store::FolderStore;
 ///
 /// # Errors
 /// The configuration cannot be applied, or no session could be created. A session that was ended by
-/// a failure, or continued without a source that failed, is not an error: see [`RecordingSummary::error`].
+/// a failure, or continued without a source that failed, is not an error: see
+/// [`RecordingSummary::error`].
 pub fn record(
     config: &Config,
     options: &RecordOptions,

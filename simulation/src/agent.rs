@@ -38,7 +38,7 @@ pub struct Motion {
 }
 
 /// Moves an agent for `dt_s` seconds. Components of `action` beyond -1 to 1 count as -1 and 1,
-/// missing ones as 0.
+/// missing ones as 0. Actions, duration and state have to be finite: of NaN comes NaN.
 ///
 /// ```
 /// use simulation::testing::SyntheticScene;

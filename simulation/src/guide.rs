@@ -72,7 +72,7 @@ impl Guide {
     }
 
     /// Number of goals that were reached.
-    pub fn reached(&self) -> u32 {
+    pub fn goals_reached(&self) -> u32 {
         self.reached
     }
 
@@ -196,7 +196,7 @@ mod tests {
             blocked += u32::from(motion.blocked.is_some());
             state = motion.state;
         }
-        assert!(guide.reached() >= 4, "{}", guide.reached());
+        assert!(guide.goals_reached() >= 4, "{}", guide.goals_reached());
         assert!(blocked <= 3, "{blocked}");
     }
 }

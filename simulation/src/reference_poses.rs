@@ -10,7 +10,7 @@ use estimator_config::config;
 
 use tree::Tree;
 
-use crate::error::SimulationError;
+use crate::error::{SimulationError, check_range};
 
 config! {
     /// What makes a recorded camera near.
@@ -47,10 +47,10 @@ pub struct Deviation {
 ///
 /// ```
 /// use cad_transforms::RigidTransform;
-/// use simulation::ReferencePoses;
+/// use simulation::{DeviationConfig, ReferencePoses};
 ///
 /// let poses = [0.0, 1.0, 2.0].map(|x| RigidTransform::from_translation_m([x, 0.0, 0.0]).unwrap());
-/// let references = ReferencePoses::new(poses.to_vec())?;
+/// let references = ReferencePoses::new(poses.to_vec(), &DeviationConfig::default())?;
 /// let world_from_camera = RigidTransform::from_translation_m([1.1, 0.0, 0.3]).unwrap();
 /// let deviation = references.nearest(&world_from_camera);
 /// assert_eq!(deviation.index, 1);
@@ -61,13 +61,24 @@ pub struct Deviation {
 #[derive(Clone, Debug)]
 pub struct ReferencePoses {
     world_from_camera: Vec<RigidTransform>,
+    config: DeviationConfig,
     tree: Tree,
 }
 
 impl ReferencePoses {
     /// # Errors
-    /// [`SimulationError::Scene`] without poses.
-    pub fn new(world_from_camera: Vec<RigidTransform>) -> Result<Self, SimulationError> {
+    /// [`SimulationError::Scene`] without poses, [`SimulationError::Setting`] for units that are
+    /// not above 0.
+    pub fn new(
+        world_from_camera: Vec<RigidTransform>,
+        config: &DeviationConfig,
+    ) -> Result<Self, SimulationError> {
+        for (name, unit) in [
+            ("deviation.distance_m", config.distance_m),
+            ("deviation.angle_rad", config.angle_rad),
+        ] {
+            check_range(name, unit, [f64::MIN_POSITIVE, 1e12], "above 0")?;
+        }
         if world_from_camera.is_empty() {
             return Err(SimulationError::Scene {
                 place: "reference poses".to_owned(),
@@ -78,7 +89,8 @@ impl ReferencePoses {
         let points = world_from_camera.iter().map(coordinates).collect();
         Ok(Self {
             world_from_camera,
-            tree: Tree::new(points, DeviationConfig::default().weights()),
+            config: *config,
+            tree: Tree::new(points, config.weights()),
         })
     }
 
@@ -87,14 +99,14 @@ impl ReferencePoses {
         &self.world_from_camera
     }
 
-    /// The nearest recorded pose by the default [`DeviationConfig`].
-    pub fn nearest(&self, world_from_camera: &RigidTransform) -> Deviation {
-        self.nearest_by(world_from_camera, &DeviationConfig::default())
-    }
-
     /// The nearest recorded pose: of least sum of squares of distance and viewing angle (its
     /// chord), each in units of the configuration. Of equal ones the first.
-    pub fn nearest_by(
+    pub fn nearest(&self, world_from_camera: &RigidTransform) -> Deviation {
+        self.nearest_by(world_from_camera, &self.config)
+    }
+
+    /// The same in other units, which are above 0.
+    pub(crate) fn nearest_by(
         &self,
         world_from_camera: &RigidTransform,
         config: &DeviationConfig,

@@ -74,6 +74,7 @@ impl World {
     /// # Errors
     /// [`SimulationError::Snapshot`] for damaged bytes and for another version, scene or
     /// configuration; nothing changed. [`SimulationError::Setting`] without such an environment.
+    /// [`SimulationError::Start`] and [`SimulationError::Scene`] as [`World::prepare`].
     pub fn restore<'a>(
         &mut self,
         environment: usize,

@@ -98,8 +98,9 @@ impl World {
     /// without, the next episode of the seed begins.
     ///
     /// # Errors
-    /// [`SimulationError::Start`] if no start was found for one of them,
-    /// [`SimulationError::Setting`] for a mask or seeds of another length.
+    /// [`SimulationError::Start`] if no start was found for one of them, or no goals,
+    /// [`SimulationError::Setting`] for a mask or seeds of another length,
+    /// [`SimulationError::Scene`] as [`Self::prepare`].
     pub fn reset(
         &mut self,
         mask: Option<&[bool]>,

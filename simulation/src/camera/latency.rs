@@ -5,7 +5,6 @@
 //! counts that was captured and delivered by then.
 
 use estimator_config::config;
-use serde::{Deserialize, Serialize};
 
 use crate::error::{SimulationError, check_range};
 use crate::randomness::{RandomStream, Stream};
@@ -130,8 +129,7 @@ fn check_in_transit(name: &str, in_transit: f64) -> Result<(), SimulationError> 
 }
 
 /// Times of the frames of one camera in one episode, ns after the reset.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CameraSchedule {
     /// Time of the first frame, ns.
     pub phase_ns: i64,

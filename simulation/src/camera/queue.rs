@@ -4,7 +4,6 @@
 //! queue is plain data.
 
 use cad_transforms::RigidTransform;
-use serde::{Deserialize, Serialize};
 
 use super::frames::{FrameRequest, NoiseKey};
 use super::latency::CameraSchedule;
@@ -14,8 +13,7 @@ use crate::scene::SceneData;
 pub(crate) const MAX_QUEUE: usize = 17;
 
 /// A camera pose in a sector.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CameraView {
     /// Index of the sector.
     pub sector: usize,
@@ -37,8 +35,7 @@ impl CameraView {
 }
 
 /// A frame that was captured, not yet rendered.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Capture {
     /// 0 for the frame of the reset, `k + 1` for frame `k` of the schedule.
     pub number: u64,
@@ -73,13 +70,12 @@ pub struct Capture {
 /// let mut queue = FrameQueue::new(schedule, &at(0.0));
 /// queue.advance(&scene, &at(0.3), 300_000_000);
 /// // That of 0.1 s is there, that of 0.2 s is in transit.
-/// assert_eq!(queue.shown.time_ns, 100_000_000);
-/// assert!((queue.shown.world_from_camera.translation_m()[0] - 0.1).abs() < 1e-12);
+/// assert_eq!(queue.current.time_ns, 100_000_000);
+/// assert!((queue.current.world_from_camera.translation_m()[0] - 0.1).abs() < 1e-12);
 /// assert_eq!(queue.age_s(), 0.2);
 /// # Ok::<(), simulation::SimulationError>(())
 /// ```
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct FrameQueue {
     /// Times of all frames.
     pub schedule: CameraSchedule,
@@ -90,7 +86,7 @@ pub struct FrameQueue {
     /// Index of the next frame of the schedule.
     pub next: u64,
     /// The newest frame that was delivered; that of the reset before any other.
-    pub shown: Capture,
+    pub current: Capture,
     /// Frames in transit that are newer, by their number; at most 17.
     pub in_transit: Vec<Capture>,
 }
@@ -104,7 +100,7 @@ impl FrameQueue {
             now_ns: 0,
             camera: start,
             next: 0,
-            shown: Capture {
+            current: Capture {
                 number: 0,
                 time_ns: 0,
                 delivery_ns: 0,
@@ -123,7 +119,7 @@ impl FrameQueue {
     pub(crate) fn after_steps(
         schedule: CameraSchedule,
         camera: &CameraView,
-        [steps, shown]: [u64; 2],
+        [steps, current]: [u64; 2],
         step_ns: i64,
     ) -> Option<Self> {
         let at_step_ns =
@@ -135,7 +131,7 @@ impl FrameQueue {
             _ if steps == 0 || now_ns < schedule.phase_ns => 0,
             interval_ns => ((now_ns - schedule.phase_ns) / interval_ns) as u64 + 1,
         };
-        let in_transit = next.checked_sub(shown)?;
+        let in_transit = next.checked_sub(current)?;
         if in_transit > MAX_QUEUE as u64 {
             return None;
         }
@@ -144,7 +140,7 @@ impl FrameQueue {
             next,
             ..Self::new(schedule, camera)
         };
-        let unknown = queue.shown;
+        let unknown = queue.current;
         let frame = |number: u64| {
             let time_ns = match (number, schedule.interval_ns) {
                 (0, _) => 0,
@@ -162,8 +158,8 @@ impl FrameQueue {
                 ..unknown
             }
         };
-        let mut frames = (shown..=next).map(frame);
-        queue.shown = frames.next()?;
+        let mut frames = (current..=next).map(frame);
+        queue.current = frames.next()?;
         queue.in_transit.extend(frames);
         Some(queue)
     }
@@ -185,7 +181,7 @@ impl FrameQueue {
             self.next += 1;
             match capture.delivery_ns <= self.now_ns {
                 true => {
-                    self.shown = capture;
+                    self.current = capture;
                     // Older ones are superseded.
                     self.in_transit.clear();
                 }
@@ -205,7 +201,7 @@ impl FrameQueue {
             number: index + 1,
             time_ns,
             delivery_ns: time_ns.saturating_add(self.schedule.latency_ns(index, time_ns)),
-            ..self.shown
+            ..self.current
         })
     }
 
@@ -222,27 +218,27 @@ impl FrameQueue {
     fn deliver(&mut self) {
         let is_delivered = |frame: &Capture| frame.delivery_ns <= self.now_ns;
         if let Some(newest) = self.in_transit.iter().rposition(is_delivered) {
-            self.shown = self.in_transit[newest];
+            self.current = self.in_transit[newest];
             self.in_transit.drain(..=newest);
         }
     }
 
     /// Time since the frame that is shown was captured, s.
     pub fn age_s(&self) -> f64 {
-        (self.now_ns - self.shown.time_ns) as f64 * 1e-9
+        (self.now_ns - self.current.time_ns) as f64 * 1e-9
     }
 
     /// The frame that is shown, for rendering. `camera` distinguishes the noise of several cameras
     /// of an environment.
     pub fn request(&self, camera: u8) -> FrameRequest {
-        let shown = &self.shown;
-        let mut request = FrameRequest::new(shown.sector, shown.world_from_camera);
-        request.velocity_m_s = shown.velocity_m_s;
-        request.rate_rad_s = shown.rate_rad_s;
+        let current = &self.current;
+        let mut request = FrameRequest::new(current.sector, current.world_from_camera);
+        request.velocity_m_s = current.velocity_m_s;
+        request.rate_rad_s = current.rate_rad_s;
         request.noise = NoiseKey {
             seed: self.schedule.seed,
             episode: self.schedule.episode,
-            frame: shown.number,
+            frame: current.number,
             camera,
         };
         request

@@ -23,7 +23,7 @@ const LEGEND: &str = "Map: free ground is gray by its height, obstacles are brow
 
 #[derive(Args)]
 pub(crate) struct Arguments {
-    /// The scene bundle.
+    /// The scene: a bundle, or a scene file of several recordings.
     scene: PathBuf,
     /// Duration, s.
     #[arg(long, default_value_t = 30, value_parser = clap::value_parser!(u32).range(1..=3600))]
@@ -87,7 +87,7 @@ pub(super) fn summary(walk: &Walk, seconds: f64) -> String {
     format!(
         "An agent walked {:.1} m in {seconds:.0} s, reached {} goals, was stopped in {} steps and restarted {} times.",
         walk.path_m(),
-        walk.reached(),
+        walk.goals_reached(),
         walk.collisions(),
         walk.ends(),
     )

@@ -44,6 +44,9 @@ pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode> {
         gaussians.map(|source| source.count()).sum::<usize>(),
         arguments.out.display()
     ))?;
+    if !arguments.folder.join("sequence.json").is_file() {
+        print("scale: 1, since transformation.txt states none; lengths are metric where it was")?;
+    }
     let is_whole = scene.missing().is_empty();
     Ok(ExitCode::from(if is_whole { 0 } else { 3 }))
 }

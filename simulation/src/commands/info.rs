@@ -12,7 +12,7 @@ use simulation::SceneData;
 
 #[derive(Args)]
 pub(crate) struct Arguments {
-    /// The scene bundle.
+    /// The scene: a bundle, or a scene file of several recordings.
     scene: PathBuf,
     /// As JSON.
     #[arg(long)]

@@ -19,7 +19,7 @@ const PAGE: &str = include_str!("view/page.html");
 
 #[derive(Args)]
 pub(crate) struct Arguments {
-    /// The scene bundle.
+    /// The scene: a bundle, or a scene file of several recordings.
     scene: PathBuf,
     /// Port on 127.0.0.1; 0 takes a free one.
     #[arg(long, value_name = "N", default_value_t = 8660)]

@@ -247,8 +247,8 @@ impl Walk {
     }
 
     /// Goals that it reached.
-    pub(super) fn reached(&self) -> u32 {
-        self.guides.iter().map(Guide::reached).sum()
+    pub(super) fn goals_reached(&self) -> u32 {
+        self.guides.iter().map(Guide::goals_reached).sum()
     }
 
     /// Path length of all episodes, m.

@@ -161,7 +161,7 @@ impl EndConfig {
     /// The limits as units of distance and angle: the recorded camera of least sum of squares in
     /// them counts. Without a limit of the angle that is the nearest one, and of those at about
     /// the same position the one that looks in the same direction.
-    pub(crate) fn units(&self) -> DeviationConfig {
+    pub fn units(&self) -> DeviationConfig {
         /// Distance that a rad counts as, m: cameras of a rig are apart by this.
         const NEARBY_M: f64 = 0.05;
         let angle_rad = match self.max_deviation_rad < std::f64::consts::PI {

@@ -12,10 +12,31 @@ fn pose(number: u64) -> RigidTransform {
     RigidTransform::from_rotation_vector(rotation, position).unwrap()
 }
 
+fn of(poses: Vec<RigidTransform>) -> ReferencePoses {
+    ReferencePoses::new(poses, &DeviationConfig::default()).unwrap()
+}
+
+#[test]
+fn units_of_nothing_are_refused() {
+    for config in [
+        DeviationConfig {
+            distance_m: 0.0,
+            ..DeviationConfig::default()
+        },
+        DeviationConfig {
+            angle_rad: f64::NAN,
+            ..DeviationConfig::default()
+        },
+    ] {
+        let error = ReferencePoses::new(vec![pose(1)], &config).unwrap_err();
+        assert!(error.to_string().contains("deviation."), "{error}");
+    }
+}
+
 #[test]
 fn the_nearest_pose_is_that_of_a_search_over_all() {
     let poses: Vec<_> = (0..3000).map(pose).collect();
-    let references = ReferencePoses::new(poses.clone()).unwrap();
+    let references = of(poses.clone());
     for number in 10_000..10_600 {
         let camera = pose(number);
         let mut config = DeviationConfig::default();
@@ -44,13 +65,13 @@ fn the_nearest_pose_is_that_of_a_search_over_all() {
 
 #[test]
 fn of_equal_poses_the_first_is_found() {
-    let references = ReferencePoses::new(vec![pose(1); 100]).unwrap();
+    let references = of(vec![pose(1); 100]);
     assert_eq!(references.nearest(&pose(2)).index, 0);
 }
 
 #[test]
 fn angles_are_those_of_the_optical_axes() {
-    let references = ReferencePoses::new(vec![RigidTransform::identity()]).unwrap();
+    let references = of(vec![RigidTransform::identity()]);
     let angle_of = |rotation: [f64; 3]| {
         let pose = RigidTransform::from_rotation_vector(rotation, [0.0; 3]).unwrap();
         references.nearest(&pose).angle_rad
@@ -65,6 +86,6 @@ fn angles_are_those_of_the_optical_axes() {
 
 #[test]
 fn without_poses_there_is_no_deviation() {
-    let error = ReferencePoses::new(Vec::new()).unwrap_err();
+    let error = ReferencePoses::new(Vec::new(), &DeviationConfig::default()).unwrap_err();
     assert!(error.to_string().contains("reference poses"), "{error}");
 }

@@ -10,9 +10,9 @@
 //! own graph say the same in a form that lost its direction.
 
 mod cloud;
-mod doubts;
 mod maps;
 mod numbers;
+mod plausibility;
 mod sequence;
 mod splats;
 
@@ -137,7 +137,7 @@ pub(super) fn open(folder: &Path, config: &BeogymConfig) -> Result<SceneData, Si
             edges: Vec::new(),
         });
     }
-    missing.extend(doubts::doubts(folder, &sectors, &transforms));
+    missing.extend(plausibility::implausible(&sectors, &transforms));
     connect(&mut sectors);
     let name = folder.file_name().map_or_else(
         || "beogym".to_owned(),

@@ -1,8 +1,8 @@
 //! Checks of the edges between sectors.
 //!
-//! Edges form cycles, two sectors with an edge each way the shortest. Along a spanning tree every
-//! sector has a pose; each other edge closes one cycle, whose error is measured where an agent
-//! crosses it, in the middle of the overlap.
+//! Edges form cycles, two sectors with an edge in each direction the shortest. Along a spanning
+//! tree every sector has a pose; each other edge closes one cycle, whose error is measured where
+//! an agent crosses it, in the middle of the overlap.
 
 use std::collections::{BTreeMap, VecDeque};
 

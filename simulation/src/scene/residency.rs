@@ -94,7 +94,7 @@ impl GaussianStore {
         resident.map(|(sector, _)| *sector).collect()
     }
 
-    /// Gaussians of all sectors that images from places show, by sector: [`Self::update`], then what
+    /// Gaussians of all sectors that images from places show, by sector: [`Self::update`], and what
     /// it requires. Callers on several threads do not count for the budget of each other.
     ///
     /// # Errors

@@ -29,7 +29,7 @@ pub struct Sector {
     pub gaussians: Option<GaussianSource>,
     /// What was recorded of the walk. Sectors of a bundle share it.
     pub recording: Arc<Recording>,
-    /// Ways to other sectors.
+    /// Edges to other sectors.
     pub edges: Vec<SectorEdge>,
 }
 

@@ -14,8 +14,8 @@ use crate::world::shared::Shared;
 
 pub(super) fn write(writer: &mut Writer, queue: &FrameQueue) {
     write_view(writer, &queue.camera);
-    writer.u64(queue.shown.number);
-    for frame in std::iter::once(&queue.shown).chain(&queue.in_transit) {
+    writer.u64(queue.current.number);
+    for frame in std::iter::once(&queue.current).chain(&queue.in_transit) {
         write_view(
             writer,
             &CameraView {
@@ -40,9 +40,10 @@ pub(super) fn read(
     };
     let sectors = shared.terrains.len();
     let camera = read_view(reader, sectors)?;
-    let shown = reader.u64()?;
-    let queue = FrameQueue::after_steps(schedule, &camera, [episode.steps, shown], shared.step_ns);
-    let mut queue = queue.ok_or_else(|| damaged(&format!("frame {shown}")))?;
+    let current = reader.u64()?;
+    let queue =
+        FrameQueue::after_steps(schedule, &camera, [episode.steps, current], shared.step_ns);
+    let mut queue = queue.ok_or_else(|| damaged(&format!("frame {current}")))?;
     let read = |frame: &mut Capture| {
         let view = read_view(reader, sectors)?;
         *frame = Capture {
@@ -54,7 +55,7 @@ pub(super) fn read(
         };
         Ok::<(), SimulationError>(())
     };
-    std::iter::once(&mut queue.shown)
+    std::iter::once(&mut queue.current)
         .chain(&mut queue.in_transit)
         .try_for_each(read)?;
     Ok(Some(queue))

@@ -220,19 +220,19 @@ fn the_longest_queue_fits() {
     assert!((15..=17).contains(&most), "{most}");
     // A queue with another number of frames than its steps allow.
     let snapshot = here.save(0, &[]).unwrap();
-    let shown = here.environments.queue[0].as_ref().unwrap().shown.number;
+    let current = here.environments.queue[0].as_ref().unwrap().current.number;
     let content = &snapshot[..snapshot.len() - CHECKSUM_BYTES];
-    let bytes = shown.to_le_bytes();
+    let bytes = current.to_le_bytes();
     let at = (0..content.len() - 8)
         .rfind(|at| content[*at..*at + 8] == bytes)
         .unwrap();
     let mut forged = content.to_vec();
-    forged[at..at + 8].copy_from_slice(&(shown + 1000).to_le_bytes());
+    forged[at..at + 8].copy_from_slice(&(current + 1000).to_le_bytes());
     let checksum = blake3::hash(&forged);
     forged.extend_from_slice(&checksum.as_bytes()[..CHECKSUM_BYTES]);
     let error = here.restore(0, &forged).unwrap_err().to_string();
     assert!(
-        error.contains(&format!("frame {}", shown + 1000)),
+        error.contains(&format!("frame {}", current + 1000)),
         "{error}"
     );
 }

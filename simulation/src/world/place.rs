@@ -73,7 +73,7 @@ impl World {
             return Err(SimulationError::Setting {
                 name: "play".to_owned(),
                 found: format!("{:?}", shared.config.timing),
-                expected: "no timing of frames: a recorded pose is seen at once".to_owned(),
+                expected: "no timing of frames, which only steps capture".to_owned(),
             });
         }
         let from = self.environments.sector[environment];

@@ -84,8 +84,8 @@ impl Shared {
 
     /// The edges over which an agent leaves its sector, if it does: the sector and state after
     /// them. A position that is given is carried along. An agent that cannot be on the ground of
-    /// another recording stays in its sector, whose ground it stands on: what the other one does
-    /// not know, or shows at another height, is no place to put it.
+    /// another recording keeps its sector, whose ground it stands on: where the other one knows no
+    /// ground, or shows it at another height, there is no place for it.
     pub(crate) fn cross(
         &self,
         from: u32,

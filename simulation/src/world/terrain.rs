@@ -63,7 +63,7 @@ pub(super) fn terrains(
             None if sector.references.is_empty() => None,
             None => {
                 let poses = sector.references.to_vec();
-                let references = ReferencePoses::new(poses)?;
+                let references = ReferencePoses::new(poses, &config.end.units())?;
                 Some(Arc::new(references))
             }
         };

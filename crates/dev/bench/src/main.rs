@@ -68,7 +68,7 @@ fn main() -> ExitCode {
         eprintln!("there is no benchmark {name:?}; there are: {}", names());
         return ExitCode::from(2);
     };
-    match run(rest) {
+    match stamp::begin().and_then(|()| run(rest)) {
         Ok(()) => ExitCode::SUCCESS,
         Err(e) => {
             eprintln!("bench {name}: {e:#}");

@@ -176,7 +176,7 @@ fn walks(
                 "contacts": contact_errors(found, truth),
                 "full_pairs": found["full_pairs"],
                 "geoms": found["geoms"],
-                "cpu_s": took,
+                "cpu_s_of_both_shapes": took,
             });
             println!("{row:#}");
             rows.push(row);

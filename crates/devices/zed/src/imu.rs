@@ -34,7 +34,7 @@ pub mod hid;
 mod link;
 mod watchdog;
 
-pub use hid::{HidDevice, HidLink, HidPort, list};
+pub use hid::{HidLink, HidPort, ImuDevice, list};
 pub use link::{Link, LinkError, OpenError, Port};
 pub use watchdog::{PATIENCE_NS, SILENT_NS};
 

@@ -12,9 +12,9 @@
 //! * *A rate that rises* is followed after five gaps. *One that falls* looks like losses until none
 //!   of the last sixteen gaps is an old one: up to sixteen samples are then reported lost that
 //!   never were.
-//! * *A clock that steps* (the device restarted, or the ticks are wrong) tells nothing of what was
-//!   lost: the number goes on by host time, and [`SampleNumber::stepped`] says so. A late arrival is no
-//!   step, an arrival before its time is.
+//! * *A clock that steps* (the device restarted, or the ticks are wrong) tells nothing of what
+//!   was lost: the number goes on by host time, and [`SampleNumber::stepped`] says so. A late
+//!   arrival is no step, an arrival before its time is.
 //! * *A repeated sample* is a step by one.
 
 use crate::report::{TICKS_PER_S, ticks_ns};

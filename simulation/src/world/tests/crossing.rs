@@ -266,7 +266,8 @@ fn edges_with_a_scale_carry_agents_and_free_cameras() {
 #[test]
 fn agents_stay_where_the_other_recording_has_no_ground_for_them() {
     let scene = &testing::corridor().scene;
-    let changes: [(&str, fn(&mut MapLevel)); 3] = [
+    type Change = fn(&mut MapLevel);
+    let changes: [(&str, Change); 3] = [
         ("3 m below", |level| {
             for layer in [&mut level.elevation, &mut level.lower, &mut level.upper] {
                 layer.iter_mut().for_each(|height_m| *height_m -= 3.0);

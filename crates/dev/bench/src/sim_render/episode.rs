@@ -22,7 +22,7 @@ const SIZE: [u32; 2] = [1280, 720];
 const STEPS: usize = 200;
 const QUICK_STEPS: usize = 20;
 /// Episodes of which each is the same.
-const ROUNDS: usize = 2;
+const ROUNDS: usize = 5;
 /// Steps that a change of sector counts for, from the first in the new one.
 const CHANGE_STEPS: usize = 2;
 const DT_S: f64 = 0.1;

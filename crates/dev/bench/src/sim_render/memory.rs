@@ -21,7 +21,7 @@ use crate::odometry::run::forget_peak;
 use crate::resident::Samples;
 
 const SIZE: [u32; 2] = [64, 48];
-/// Way between two frames, m: there are to be many changes among them.
+/// Path length between two frames, m: there are to be many changes among them.
 const FRAME_M: f64 = 0.5;
 /// Distance between Gaussians of the synthetic loop, m.
 const SPACING_M: f64 = 0.1;
@@ -45,7 +45,7 @@ pub(super) fn measure(recorded: Option<&Arc<SceneData>>, quick: bool) -> Result<
     Ok(json!({ "width": SIZE[0], "height": SIZE[1], "rows": rows }))
 }
 
-/// Frames along a way with memory for some sectors.
+/// Frames along a route with memory for some sectors.
 fn frames(
     scene: &Arc<SceneData>,
     name: &str,

@@ -1,4 +1,4 @@
-//! Ways of a camera through the sectors of a scene, frame by frame.
+//! Routes of a camera through the sectors of a scene, frame by frame.
 
 use std::sync::Arc;
 
@@ -6,10 +6,10 @@ use anyhow::{Context, Result, ensure};
 use cad_transforms::RigidTransform;
 use simulation::{Place, SceneData, Similarity};
 
-/// Way between two frames, m: a person who walks, at 10 frames per second.
+/// Path length between two frames, m: of a person who walks, at 10 frames per second.
 pub(super) const FRAME_M: f64 = 0.14;
-/// Frames from one side of a border to the other and beyond its hysteresis, also where a way meets
-/// it at 45 degrees.
+/// Frames from one side of a border to the other and beyond its hysteresis, also where a route
+/// meets it at 45 degrees.
 const PASS_FRAMES: usize = 4;
 /// Corners of the path through the synthetic loop of four sectors, m, and height of the eye.
 const CORNERS_M: [[f64; 2]; 4] = [[1.0, 1.0], [11.0, 1.0], [11.0, 11.0], [1.0, 11.0]];

@@ -33,9 +33,8 @@ const BATCHES: [usize; 4] = [1, 8, 64, 512];
 const PIXEL_BYTES: u64 = 8;
 /// Pixels that a round renders, at least one batch.
 const PIXELS: usize = 8 << 20;
-/// Pixels that all rounds of a batch render, between the least and the most rounds.
-const ROUND_PIXELS: usize = 320 << 20;
-const ROUNDS: [usize; 2] = [2, 5];
+/// Rounds of each batch, of which the median and the spread are stated.
+const ROUNDS: usize = 5;
 /// Batch of exact images and of those of the curve.
 const BATCH: usize = 8;
 /// Largest scales of merged Gaussians in the image, px, of the curve. The default is one of them.
@@ -151,7 +150,7 @@ fn curve(scene: &OpenedScene, cameras: &[Camera], settings: &[Setting], quick: b
     let images = (PIXELS / pixels).clamp(BATCH, cameras.len());
     let timed = &cameras[..images / BATCH * BATCH];
     let speed = |render: &(dyn Fn(&[Camera]) -> Vec<Image> + Sync)| {
-        Speed::measure(timed.len(), if quick { 1 } else { ROUNDS[1] }, || {
+        Speed::measure(timed.len(), if quick { 1 } else { ROUNDS }, || {
             for cameras in timed.chunks_exact(BATCH) {
                 black_box(render(cameras));
             }
@@ -214,10 +213,7 @@ fn speed(
     // Warm: memory of the threads is there too.
     let mut warm = touched(size, batch.min(BATCH));
     cameras.render(&requests[..batch.min(BATCH)], &mut warm)?;
-    let rounds = match quick {
-        true => 1,
-        false => (ROUND_PIXELS / (requests.len() * pixels)).clamp(ROUNDS[0], ROUNDS[1]),
-    };
+    let rounds = if quick { 1 } else { ROUNDS };
     let mut failed = None;
     let speed = Speed::measure(requests.len(), rounds, || {
         for requests in requests.chunks_exact(batch) {

@@ -24,7 +24,7 @@ pub(super) fn measure(scene: &Arc<SceneData>, quick: bool) -> Result<Value> {
     let sector = &scene.sectors[0];
     let levels = sector.levels.as_ref().context("a scene without maps")?;
     let ground = Ground::new(levels.to_vec(), &config.agent)?;
-    let references = ReferencePoses::new(sector.references.to_vec())?;
+    let references = ReferencePoses::new(sector.references.to_vec(), &config.end.units())?;
     let here: Vec<usize> = (0..PLACES)
         .filter(|place| world.world_from_camera(*place).0 == 0)
         .collect();

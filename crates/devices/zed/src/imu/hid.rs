@@ -15,7 +15,7 @@ use crate::camera::{Model, VENDOR};
 
 /// A microcontroller that is plugged in.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct HidDevice {
+pub struct ImuDevice {
     /// Of which camera.
     pub model: Model,
     /// The camera's serial number, where the device tells one.
@@ -47,7 +47,7 @@ pub struct HidLink {
 ///
 /// # Errors
 /// The system does not tell.
-pub fn list() -> Result<Vec<HidDevice>, OpenError> {
+pub fn list() -> Result<Vec<ImuDevice>, OpenError> {
     let failed = |error: HidError| OpenError::Io {
         reason: error.to_string(),
         path: "/sys/class/hidraw".into(),
@@ -60,7 +60,7 @@ pub fn list() -> Result<Vec<HidDevice>, OpenError> {
             return None;
         }
         let release = info.release_number();
-        Some(HidDevice {
+        Some(ImuDevice {
             model: Model::of_imu(info.product_id())?,
             serial: info
                 .serial_number()
@@ -70,7 +70,7 @@ pub fn list() -> Result<Vec<HidDevice>, OpenError> {
             path: info.path().to_string_lossy().into_owned(),
         })
     };
-    let mut all: Vec<HidDevice> = api.device_list().filter_map(found).collect();
+    let mut all: Vec<ImuDevice> = api.device_list().filter_map(found).collect();
     // A device appears once for each collection in its descriptor.
     all.sort_by(|a, b| a.path.cmp(&b.path));
     all.dedup_by(|a, b| a.path == b.path);
@@ -79,12 +79,12 @@ pub fn list() -> Result<Vec<HidDevice>, OpenError> {
 
 impl HidPort {
     /// The one that is meant, among those that are there.
-    fn choose(&self, there: &[HidDevice]) -> Result<HidDevice, OpenError> {
-        let fits = |f: &&HidDevice| {
+    fn choose(&self, there: &[ImuDevice]) -> Result<ImuDevice, OpenError> {
+        let fits = |f: &&ImuDevice| {
             self.model.is_none_or(|model| f.model == model)
                 && (self.serial.is_none() || f.serial == self.serial)
         };
-        let fitting: Vec<&HidDevice> = there.iter().filter(fits).collect();
+        let fitting: Vec<&ImuDevice> = there.iter().filter(fits).collect();
         match fitting[..] {
             [one] => Ok(one.clone()),
             [] => Err(OpenError::NotFound {
@@ -107,8 +107,8 @@ impl HidPort {
     }
 }
 
-fn describe(found: &[&HidDevice]) -> String {
-    let one = |f: &&HidDevice| {
+fn describe(found: &[&ImuDevice]) -> String {
+    let one = |f: &&ImuDevice| {
         let serial = f.serial.as_deref().unwrap_or("without a serial number");
         format!("{} {serial} at {}", f.model.name(), f.path)
     };
@@ -180,8 +180,8 @@ impl Link for HidLink {
 mod tests {
     use super::*;
 
-    fn found(model: Model, serial: Option<&str>, path: &str) -> HidDevice {
-        HidDevice {
+    fn found(model: Model, serial: Option<&str>, path: &str) -> ImuDevice {
+        ImuDevice {
             model,
             serial: serial.map(str::to_owned),
             firmware: None,

@@ -1,8 +1,8 @@
 //! Between the threads of the cameras and the one that takes frames: a short queue.
 //!
 //! Contract: a camera's thread never waits here. When the queue is full the new frame is dropped
-//! and counted, and reported as [`super::LostFrames`] in front of the next one. After the end nothing is
-//! taken any more; what was queued before comes out first.
+//! and counted, and reported as [`super::LostFrames`] in front of the next one. After the end
+//! nothing is taken any more; what was queued before comes out first.
 
 use std::collections::VecDeque;
 use std::fmt;

@@ -305,7 +305,7 @@ pub fn simulate(scene: &Scene, seed: u64) -> SimulatedRecording {
             corners,
         });
     }
-    Simulated {
+    SimulatedRecording {
         recording: Recording {
             cameras,
             observations,

@@ -1,7 +1,5 @@
-//! What a folder of generation 1 states without saying whether it is true: reported beside what it
-//! does not have.
-
-use std::path::Path;
+//! Whether what a folder of generation 1 states can be true; what cannot is reported beside what
+//! the folder does not have.
 
 use crate::scene::data::Missing;
 use crate::scene::sector::Sector;
@@ -11,18 +9,14 @@ use crate::scene::similarity::Similarity;
 /// place.
 const MIN_SHARE_ON_MAP: f64 = 0.5;
 
-/// Doubts about sectors, each with the transform of its file.
-pub(super) fn doubts(folder: &Path, sectors: &[Sector], transforms: &[Similarity]) -> Vec<Missing> {
+/// What is implausible about sectors, each with the transform of its file.
+pub(super) fn implausible(sectors: &[Sector], transforms: &[Similarity]) -> Vec<Missing> {
     let missing = |place: &str, output: &str, features: String| Missing {
         place: place.to_owned(),
         output: output.to_owned(),
         features,
     };
-    let mut all = vec![missing(
-        &folder.display().to_string(),
-        "scale in transformation.txt",
-        "metric Gaussians: structure from motion has a scale of its own".to_owned(),
-    )];
+    let mut all = Vec::new();
     for (number, (sector, transform)) in sectors.iter().zip(transforms).enumerate() {
         let same = transforms[..number]
             .iter()
