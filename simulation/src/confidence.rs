@@ -132,7 +132,7 @@ pub(crate) fn renderer(is_compensated: bool) -> Result<Renderer, SimulationError
     Renderer::new(config).map_err(|error| cannot_judge(&error))
 }
 
-fn cannot_judge(error: &SplatError) -> SimulationError {
+pub(crate) fn cannot_judge(error: &SplatError) -> SimulationError {
     SimulationError::Scene {
         place: "confidence of an image".to_owned(),
         found: error.to_string(),

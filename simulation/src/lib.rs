@@ -23,6 +23,7 @@ mod scene;
 mod snapshot;
 mod support;
 pub mod testing;
+mod view_judge;
 mod world;
 
 pub use agent::{AgentConfig, AgentState, Drive, Footing, Motion, Playback, WearerState, advance};
@@ -53,4 +54,5 @@ pub use scene::{
 };
 pub use snapshot::MAX_SNAPSHOT_BYTES;
 pub use support::{SupportConfig, SupportGrid, SupportNode};
+pub use view_judge::ViewJudge;
 pub use world::{ObservationConfig, ObservationField, StepResult, World, WorldConfig, block_code};

@@ -13,20 +13,18 @@ pub(crate) mod config;
 pub(crate) mod grid;
 
 use std::ops::ControlFlow;
-use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use cad_transforms::RigidTransform;
 use rayon::prelude::*;
-use splats::{Camera, Renderer, Scene};
 
 pub use config::SupportConfig;
 pub use grid::{SupportGrid, SupportNode};
 
 use crate::agent::AgentState;
 use crate::camera::pinhole;
-use crate::confidence::{ObservedScene, renderer};
 use crate::error::SimulationError;
+use crate::view_judge::ViewJudge;
 use crate::world::shared::Shared;
 use grid::{Node, Places};
 
@@ -61,7 +59,7 @@ fn grid(
     let terrain = &shared.terrains[sector];
     let is_of_sector = |at_m| !shared.scene.is_left(sector, at_m, MARGIN_M);
     let places = Places::new(&terrain.ground, is_of_sector, config.cell_m);
-    let Some(judge) = Judge::new(shared, sector, config)? else {
+    let Some(judge) = judge(shared, sector, config)? else {
         return Ok(SupportGrid::new(places, config.headings, Vec::new()));
     };
     let count = places.nodes.len() * config.headings;
@@ -69,7 +67,7 @@ fn grid(
     let predicted = (0..count).into_par_iter().map(|number| {
         let node = &places.nodes[number / config.headings];
         let yaw_rad = config.yaw_rad(number % config.headings);
-        let psnr_db = judge.psnr_db(&judge.camera_at(shared, sector, node, yaw_rad))?;
+        let psnr_db = judge.psnr_db(&camera_at(shared, sector, node, yaw_rad))?;
         let before = done.fetch_add(1, Ordering::Relaxed);
         match progress(before + 1, count) {
             ControlFlow::Continue(()) => Ok(psnr_db),
@@ -82,65 +80,32 @@ fn grid(
     Ok(SupportGrid::new(places, config.headings, predicted))
 }
 
-/// Judges images of an agent's camera in a sector.
-struct Judge {
-    observed: Arc<ObservedScene>,
-    scene: Arc<Scene>,
-    renderer: Renderer,
-    model: camera_models::CameraModel,
+/// The camera of an agent that stands at a place of a sector.
+fn camera_at(shared: &Shared, sector: usize, node: &Node, yaw_rad: f64) -> RigidTransform {
+    let (ground, agent) = (&shared.terrains[sector].ground, &shared.config.agent);
+    let state = AgentState::on_ground(ground, agent, node.position_m, yaw_rad);
+    let state = state.unwrap_or(AgentState {
+        position_m: node.position_m,
+        yaw_rad,
+        ..AgentState::default()
+    });
+    state.world_from_body() * shared.mount
 }
 
-impl Judge {
-    /// `None` for a sector of which it is not known what the training saw.
-    fn new(
-        shared: &Shared,
-        sector: usize,
-        config: &SupportConfig,
-    ) -> Result<Option<Self>, SimulationError> {
-        let Some(gaussians) = &shared.scene.sectors[sector].gaussians else {
-            return Ok(None);
-        };
-        let Some(observed) = gaussians.observed()? else {
-            return Ok(None);
-        };
-        Ok(Some(Self {
-            observed,
-            scene: gaussians.load()?,
-            renderer: renderer(gaussians.is_compensated())?,
-            model: pinhole(SIZE, config.field_of_view_rad)?,
-        }))
+/// The judge of a sector; `None` where it is not known what the training saw.
+fn judge(
+    shared: &Shared,
+    sector: usize,
+    config: &SupportConfig,
+) -> Result<Option<ViewJudge>, SimulationError> {
+    let Some(gaussians) = &shared.scene.sectors[sector].gaussians else {
+        return Ok(None);
+    };
+    if !gaussians.is_observed() {
+        return Ok(None);
     }
-
-    /// The camera of an agent that stands at a place.
-    fn camera_at(
-        &self,
-        shared: &Shared,
-        sector: usize,
-        node: &Node,
-        yaw_rad: f64,
-    ) -> RigidTransform {
-        let (ground, agent) = (&shared.terrains[sector].ground, &shared.config.agent);
-        let state = AgentState::on_ground(ground, agent, node.position_m, yaw_rad);
-        let state = state.unwrap_or(AgentState {
-            position_m: node.position_m,
-            yaw_rad,
-            ..AgentState::default()
-        });
-        state.world_from_body() * shared.mount
-    }
-
-    fn psnr_db(&self, world_from_camera: &RigidTransform) -> Result<f32, SimulationError> {
-        let camera = Camera::new(self.model, world_from_camera.inverse());
-        let camera = camera.map_err(|error| SimulationError::Scene {
-            place: "a camera whose images are judged".to_owned(),
-            found: error.to_string(),
-            expected: "a lens that images can be rendered with".to_owned(),
-        })?;
-        let confidence = self
-            .observed
-            .confidence(&self.renderer, &self.scene, &camera)?;
-        Ok(confidence.psnr_db)
-    }
+    let lens = pinhole(SIZE, config.field_of_view_rad)?;
+    ViewJudge::new(gaussians, gaussians.load()?, lens)
 }
 
 #[cfg(test)]

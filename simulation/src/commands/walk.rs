@@ -8,10 +8,9 @@ use anyhow::{Context, Result, bail};
 use jpeg_encoder::{ColorType, Encoder};
 use simulation::{
     AgentState, CameraBatch, CameraConfig, FrameRequest, Frames, GaussianStore, Guide, MapImage,
-    ObservedScene, Playback, Recording, ResidencyConfig, SceneData, Similarity, Task, World,
+    Playback, Recording, ResidencyConfig, SceneData, Similarity, Task, ViewJudge, World,
     WorldConfig,
 };
-use splats::{Camera, RenderConfig, Renderer};
 
 use super::progress_bar;
 
@@ -37,7 +36,9 @@ pub(super) struct Walk {
     guides: Vec<Guide>,
     camera: CameraBatch,
     frames: Frames,
-    judge: Option<Judge>,
+    store: Arc<GaussianStore>,
+    /// The judge of a sector, the last one that the agent was in.
+    judge: Option<(usize, Option<ViewJudge>)>,
     pub(super) map: MapImage,
     /// Of the frame of each sector.
     map_from_sectors: Vec<Similarity>,
@@ -112,13 +113,13 @@ impl Walk {
             Arc::clone(&scene),
             ResidencyConfig::default(),
         ));
-        let judge = Judge::new(&scene, Arc::clone(&store))?;
         let camera = CameraConfig::pinhole(SIZE, FIELD_OF_VIEW_RAD)?;
         let mut walk = Self {
             world: World::new(scene, config)?,
             guides,
-            camera: CameraBatch::new(store, camera)?,
-            judge,
+            camera: CameraBatch::new(Arc::clone(&store), camera)?,
+            store,
+            judge: None,
             frames: Frames::default(),
             map,
             map_from_sectors,
@@ -266,11 +267,35 @@ impl Walk {
         self.before_collisions + self.world.result().collisions[0]
     }
 
+    /// Predicted PSNR of what the agent sees, dB; `None` where it is not known what the training
+    /// saw.
+    fn predicted_psnr_db(&mut self) -> Result<Option<f32>> {
+        let (sector, sector_from_camera) = self.world.world_from_camera(0);
+        if self.judge.as_ref().is_none_or(|(of, _)| *of != sector) {
+            let lens = simulation::pinhole(JUDGED_SIZE, FIELD_OF_VIEW_RAD)?;
+            let gaussians = self.world.scene().sectors[sector].gaussians.as_ref();
+            let judge = gaussians.map(|gaussians| {
+                let scene = Arc::clone(&self.store.content(sector)?.exact);
+                ViewJudge::new(gaussians, scene, lens)
+            });
+            self.judge = Some((sector, judge.transpose()?.flatten()));
+        }
+        let judge = self.judge.as_ref().and_then(|(_, judge)| judge.as_ref());
+        Ok(judge
+            .map(|judge| judge.psnr_db(&sector_from_camera))
+            .transpose()?)
+    }
+
     /// Where it is beside the recording, in a few words.
     ///
     /// # Errors
     /// Gaussians that cannot be read.
-    pub(super) fn caption(&self) -> Result<String> {
+    pub(super) fn caption(&mut self) -> Result<String> {
+        // What decides ends, where something is decided by it.
+        let predicted_db = match self.world.support().is_empty() {
+            false => Some(self.world.result().support_db[0]),
+            true => self.predicted_psnr_db()?,
+        };
         let result = self.world.result();
         let mut text = match (self.wearer_ns, self.recorded_ns) {
             (Some(now_ns), Some([first_ns, _])) => {
@@ -285,12 +310,6 @@ impl Walk {
                 result.deviation_rad[0].to_degrees()
             );
         }
-        // What decides ends, where something is decided by it.
-        let predicted_db = match &self.judge {
-            _ if !self.world.support().is_empty() => Some(result.support_db[0]),
-            Some(judge) => Some(judge.psnr_db(&self.world)?),
-            None => None,
-        };
         if let Some(psnr_db) = predicted_db {
             text += &format!("; PSNR {psnr_db:.0} dB predicted");
         }
@@ -304,44 +323,4 @@ fn path_on_map(recording: &Recording, map_from_sector: &Similarity) -> Vec<[f64;
     let poses = trajectory.flat_map(|trajectory| trajectory.usable());
     let positions = poses.map(|pose| map_from_sector.apply(pose.world_from_rig.translation_m()));
     positions.map(|[x, y, _]| [x, y]).collect()
-}
-
-/// Predicts the PSNR of images by what the training saw.
-struct Judge {
-    observed: Arc<ObservedScene>,
-    store: Arc<GaussianStore>,
-    renderer: Renderer,
-    camera: CameraConfig,
-}
-
-impl Judge {
-    /// `None` for scenes of several sectors, and for those without a record of what was seen.
-    fn new(scene: &SceneData, store: Arc<GaussianStore>) -> Result<Option<Self>> {
-        let [sector] = scene.sectors.as_slice() else {
-            return Ok(None);
-        };
-        let Some(gaussians) = &sector.gaussians else {
-            return Ok(None);
-        };
-        let Some(observed) = gaussians.observed()? else {
-            return Ok(None);
-        };
-        let mut config = RenderConfig::default();
-        config.compensate = gaussians.is_compensated();
-        Ok(Some(Self {
-            observed,
-            store,
-            renderer: Renderer::new(config)?,
-            camera: CameraConfig::pinhole(JUDGED_SIZE, FIELD_OF_VIEW_RAD)?,
-        }))
-    }
-
-    /// Predicted PSNR of what the agent sees, dB.
-    fn psnr_db(&self, world: &World) -> Result<f32> {
-        let (sector, world_from_camera) = world.world_from_camera(0);
-        let camera = Camera::new(self.camera.model, world_from_camera.inverse())?;
-        let content = self.store.content(sector)?;
-        let found = (self.observed).confidence(&self.renderer, &content.exact, &camera)?;
-        Ok(found.psnr_db)
-    }
 }

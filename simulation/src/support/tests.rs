@@ -1,6 +1,6 @@
 //! Predictions of the PSNR all over the ground, against images judged one by one.
 
-use std::sync::Mutex;
+use std::sync::{Arc, Mutex};
 
 use super::*;
 use crate::agent::AgentState;
@@ -33,13 +33,13 @@ fn world_with(scene: Arc<SceneData>, support: SupportConfig) -> World {
 }
 
 /// Predicted PSNR of the image of an agent, without any grid.
-fn judged_db(world: &World, judge: &Judge, state: &AgentState) -> f64 {
+fn judged_db(world: &World, judge: &ViewJudge, state: &AgentState) -> f64 {
     let world_from_camera = state.world_from_body() * world.shared.mount;
     f64::from(judge.psnr_db(&world_from_camera).unwrap())
 }
 
-fn judge(world: &World) -> Judge {
-    let judge = Judge::new(&world.shared, 0, &coarse());
+fn judge_of(world: &World) -> ViewJudge {
+    let judge = judge(&world.shared, 0, &coarse());
     judge.unwrap().unwrap()
 }
 
@@ -70,7 +70,7 @@ fn places_have_the_prediction_of_their_image() {
     assert_eq!(calls, expected);
     // Points of the grid from 0 to 8 m and from 0 to 6 m; those on a wall have a place within 1 m.
     assert_eq!(nodes.len(), 5 * 4);
-    let judge = judge(&world);
+    let judge = judge_of(&world);
     for node in nodes.iter().step_by(7) {
         for (heading, predicted) in node.psnr_db.iter().enumerate() {
             let yaw_rad = std::f64::consts::TAU * heading as f64 / 3.0;
