@@ -199,7 +199,8 @@ config! {
         pub min_ground_cos: f64 = 0.71,
         /// Maximum difference of heights of neighboring cells of a level, m: people climb 25 cm.
         pub max_step_m: f64 = 0.25,
-        /// Surfaces of a cell that are apart by more are of different levels, m.
+        /// Least height of the next surface above for the clearance of a floor, m: what is lower
+        /// is an obstacle on it.
         pub level_gap_m: f64 = 0.5,
         /// Head room, m.
         pub head_room_m: f64 = 1.9,

@@ -4,7 +4,7 @@
 //! levels; each has one height per cell. What no view saw is unknown, not free. Only holes that are
 //! narrow and have a plane rim are filled, and flagged ([`FILLED`]). Heights with a large sigma are
 //! flagged ([`UNCERTAIN`]). Ground samples, points that carried a foot for one, give heights where
-//! depth has none, and win where it contradicts them. Levels with samples come first, then larger
+//! depth has none, and win where it contradicts them, unless the foot hangs over an edge there. Levels with samples come first, then larger
 //! ones before smaller ones.
 
 use std::collections::BTreeMap;
@@ -34,7 +34,16 @@ pub struct GroundSample {
     pub position: [f64; 3],
     /// One standard deviation of its height, m.
     pub sigma_m: f64,
+    /// What it belongs to, one contact of a foot for example: where a sole rests on an edge, its
+    /// other samples are in the air.
+    pub contact: usize,
 }
+
+/// Share of the samples of a contact with known heights that agree with them, from which on the
+/// others that are higher hang over.
+const MIN_AGREEING_SHARE: f64 = 0.2;
+/// Least height of what hangs over, m: the sag of a sole, and two standard deviations.
+const MIN_OVERHANG_M: f64 = 0.015;
 
 /// Cells of free border around a level.
 const BORDER: i32 = 2;
@@ -73,8 +82,10 @@ pub fn build(
         .iter()
         .map(|cells| {
             let mut level = grid(&floors, cells, config);
-            for (sample, used) in ground.iter().zip(&mut used).filter(|(_, used)| !**used) {
-                *used = add_sample(&mut level, sample, config);
+            let is_overhang = overhangs(&level, ground, config);
+            let samples = ground.iter().zip(&mut used).zip(is_overhang);
+            for ((sample, used), is_overhang) in samples.filter(|((_, used), _)| !**used) {
+                *used = is_overhang || add_sample(&mut level, sample, config);
             }
             holes::fill(&mut level, config);
             flag_uncertain(&mut level, config);
@@ -138,6 +149,51 @@ fn grid(
         }
     }
     level
+}
+
+/// Which ground samples are in the air above a level: of a contact of which enough others agree
+/// with it.
+fn overhangs(level: &Level, ground: &[GroundSample], config: &MapConfig) -> Vec<bool> {
+    #[derive(Clone, Copy, PartialEq)]
+    enum Fit {
+        Unknown,
+        Agrees,
+        Above,
+    }
+    let fits: Vec<Fit> = ground
+        .iter()
+        .map(|sample| {
+            let [x, y, z] = sample.position;
+            let index = level
+                .index(x, y)
+                .filter(|index| level.has_height(*index) && level.flags[*index] & EDGE == 0);
+            let Some(index) = index else {
+                return Fit::Unknown;
+            };
+            let above_m = z - f64::from(level.elevation[index]);
+            let sigma_m = sample.sigma_m.hypot(f64::from(level.sigma[index]));
+            if above_m.abs() <= config.max_sample_sigmas * sigma_m {
+                Fit::Agrees
+            } else if (MIN_OVERHANG_M + 2.0 * sigma_m..=MAX_SAMPLE_M).contains(&above_m) {
+                Fit::Above
+            } else {
+                Fit::Unknown
+            }
+        })
+        .collect();
+    // Of each contact, samples that agree and those above.
+    let mut counts: BTreeMap<usize, [usize; 2]> = BTreeMap::new();
+    for (sample, fit) in ground.iter().zip(&fits) {
+        let count = counts.entry(sample.contact).or_default();
+        count[0] += usize::from(*fit == Fit::Agrees);
+        count[1] += usize::from(*fit == Fit::Above);
+    }
+    let hangs = |(sample, fit): (&GroundSample, &Fit)| {
+        let [agrees, above] = counts[&sample.contact];
+        let share = agrees as f64 / (agrees + above).max(1) as f64;
+        *fit == Fit::Above && share >= MIN_AGREEING_SHARE
+    };
+    ground.iter().zip(&fits).map(hangs).collect()
 }
 
 /// Adds a ground sample to a level that it is on. A level without height there is the one of its

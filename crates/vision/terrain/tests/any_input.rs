@@ -70,6 +70,7 @@ fn damaged_depths_do_not_panic() {
         let sample = GroundSample {
             position: [0.1, 0.0, 0.2],
             sigma_m: 0.01,
+            contact: 0,
         };
         let levels = build(&mesh, &edges, &[sample], &Default::default());
         let parts = terrain::convex::collision_parts(&planes, &edges, &levels, &Default::default());

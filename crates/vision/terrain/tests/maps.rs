@@ -178,6 +178,7 @@ fn floors_above_each_other_are_levels() {
     let walked = GroundSample {
         position: [1.0, 1.0, 2.51],
         sigma_m: 0.01,
+        contact: 0,
     };
     let levels = build(&mesh, &[], &[walked], &MapConfig::default());
     assert_eq!(levels.len(), 2);
@@ -200,15 +201,16 @@ fn floors_above_each_other_are_levels() {
 fn ground_samples_give_heights_and_win() {
     let hole = |x: f64, y: f64| (x - 1.0).hypot(y - 1.0) > 0.3;
     let mesh = carpet([100, 100], |x, y| hole(x, y).then_some(0.0));
-    let sample = |position| GroundSample {
+    let sample = |contact, position| GroundSample {
         position,
         sigma_m: 0.008,
+        contact,
     };
     let samples = [
         // In the hole, where it is too wide to be filled; on the ground; in shallow water.
-        sample([1.0, 0.78, 0.004]),
-        sample([0.4, 0.4, 0.006]),
-        sample([1.7, 1.7, -0.12]),
+        sample(0, [1.0, 0.78, 0.004]),
+        sample(1, [0.4, 0.4, 0.006]),
+        sample(2, [1.7, 1.7, -0.12]),
     ];
     let level = &build(&mesh, &[], &samples, &MapConfig::default())[0];
     let at = |x, y| level.index(x, y).unwrap();
@@ -219,6 +221,62 @@ fn ground_samples_give_heights_and_win() {
     assert!((level.elevation[at(0.4, 0.4)] - 0.0007).abs() < 3e-4);
     assert_ne!(level.flags[at(1.7, 1.7)] & CONTRADICTED, 0);
     assert!((level.elevation[at(1.7, 1.7)] + 0.12).abs() < 1e-6);
+}
+
+/// A step down of 17 cm at x = 1 m, on whose edge a sole rests with its heel over the lower tread.
+#[test]
+fn a_sole_that_hangs_over_an_edge_is_no_ground() {
+    let mesh = carpet([100, 100], |x, _| Some(if x < 1.0 { 0.17 } else { 0.0 }));
+    let sole = |contact: usize, z: f64| {
+        (0..8).map(move |k| GroundSample {
+            position: [0.86 + 0.04 * k as f64, 1.0, z],
+            sigma_m: 0.006,
+            contact,
+        })
+    };
+    let height = |samples: &[GroundSample], x: f64| {
+        let level = &build(&mesh, &[], samples, &MapConfig::default())[0];
+        level.elevation[level.index(x, 1.0).unwrap()]
+    };
+    let samples: Vec<GroundSample> = sole(0, 0.17).collect();
+    assert!((height(&samples, 0.9) - 0.17).abs() < 0.01);
+    assert!(
+        height(&samples, 1.1).abs() < 0.01,
+        "{}",
+        height(&samples, 1.1)
+    );
+    // One that depth contradicts everywhere stands on something that no view saw.
+    let samples: Vec<GroundSample> = sole(0, 0.30).collect();
+    assert!((height(&samples, 1.1) - 0.30).abs() < 0.01);
+}
+
+/// What is too high for a step and lower than a person is an obstacle, whatever its height.
+#[test]
+fn low_boxes_are_no_free_ground_of_the_level() {
+    for height_m in [0.3_f32, 0.4, 0.45] {
+        let is_box = |x: f64, y: f64| (0.8..1.2).contains(&x) && (0.8..1.2).contains(&y);
+        let top = |x: f64, y: f64| {
+            Some(if is_box(x, y) {
+                f64::from(height_m)
+            } else {
+                0.0
+            })
+        };
+        let mesh = carpet([100, 100], top);
+        let level = &build(&mesh, &[], &[], &MapConfig::default())[0];
+        let at = |x: f64, y: f64| level.index(x, y).unwrap();
+        assert_eq!(level.occupancy[at(0.4, 0.4)], FREE);
+        // Its sides are obstacles; what is on top of it is no ground of this level.
+        let side = (0..6).map(|k| level.occupancy[at(0.74 + 0.02 * f64::from(k), 1.0)]);
+        assert!(
+            side.into_iter().any(|cell| cell == OCCUPIED),
+            "{height_m} m"
+        );
+        for k in 0..9 {
+            let cell = level.occupancy[at(0.84 + 0.04 * f64::from(k), 1.0)];
+            assert_ne!(cell, FREE, "{height_m} m");
+        }
+    }
 }
 
 #[test]

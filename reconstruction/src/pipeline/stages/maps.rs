@@ -58,8 +58,10 @@ impl Stage<Input> for MapsStage {
         let mesh = without_ramps(&mesh, &planes, &edges, &config.convex.ramps);
         let contacts = outputs::contacts::read(&work.read(CONTACTS)?)?;
         let rig = outputs::rig::read(&work.read(RIG_REFINED)?)?;
-        let patch = |own: &FootContact| contact_patch(own, &outline(&rig, own.foot), &config);
-        let samples: Vec<GroundSample> = contacts.iter().flat_map(patch).collect();
+        let patch = |(number, own): (usize, &FootContact)| {
+            contact_patch(number, own, &outline(&rig, own.foot), &config)
+        };
+        let samples: Vec<GroundSample> = contacts.iter().enumerate().flat_map(patch).collect();
         let steps = 3;
         let levels = build(&mesh, &edges, &samples, &config.maps);
         work.progress(1, steps);

@@ -1,6 +1,7 @@
 //! Exam 6.5: every reason of an end alone and in pairs.
 
 use std::ops::ControlFlow;
+use std::sync::Mutex;
 
 use scene_bundle::outputs::grid::Grid;
 use scene_bundle::outputs::maps::{FREE, KNOWN, MapLevel, OCCUPIED, UNKNOWN};
@@ -81,6 +82,19 @@ fn scene() -> Arc<SceneData> {
     Arc::new(SceneData::new("slope", vec![sector]).unwrap())
 }
 
+/// Distances to a goal on the ground of [`scene`], computed once for each goal.
+fn distances(world: &World, goal_m: [f64; 3]) -> DistanceField {
+    static FIELDS: Mutex<Vec<DistanceField>> = Mutex::new(Vec::new());
+    let mut fields = FIELDS.lock().unwrap();
+    if let Some(field) = fields.iter().find(|field| field.goal_m() == goal_m) {
+        return field.clone();
+    }
+    let ground = &world.shared.terrains[0].ground;
+    let field = DistanceField::new(ground, &world.shared.config.agent, goal_m);
+    fields.push(field.clone());
+    field
+}
+
 /// A world in which exactly these reasons happen in the next step, by the action that goes ahead.
 fn provoke(scene: &Arc<SceneData>, reasons: &[EndReason], ends: EndConfig) -> World {
     let happens = |reason| reasons.contains(&reason);
@@ -105,7 +119,6 @@ fn provoke(scene: &Arc<SceneData>, reasons: &[EndReason], ends: EndConfig) -> Wo
         ..ends
     };
     let mut world = World::new(scene.clone(), config).unwrap();
-    world.reset(None, None).unwrap();
     let ([x, y], yaw_rad) = match reasons.iter().find(|reason| BLOCKS.contains(reason)) {
         Some(EndReason::Collision) => ([8.5, 1.0], 0.0),
         Some(EndReason::UnknownGround) => ([8.5, 4.0], 0.0),
@@ -117,12 +130,13 @@ fn provoke(scene: &Arc<SceneData>, reasons: &[EndReason], ends: EndConfig) -> Wo
         true => position_m,
         false => [1.0, 1.0, 0.0],
     };
-    let terrain = &world.shared.terrains[0];
+    // Instead of those that the first reset draws.
     world.shared.goals = vec![Goal {
-        frame: terrain.frame,
+        frame: world.shared.terrains[0].frame,
         position_m: goal_m,
-        field: DistanceField::new(&terrain.ground, &world.shared.config.agent, goal_m),
+        field: distances(&world, goal_m),
     }];
+    world.reset(None, None).unwrap();
     world.environments.episode[0].target = Target::Goal {
         index: 0,
         position_m: goal_m,

@@ -51,10 +51,12 @@ pub(super) struct Row {
     pub(super) bridged: usize,
     pub(super) bridged_mm: [f64; 3],
     pub(super) bridged_within: f64,
-    /// The same at frames between contacts that were hidden from the estimator.
+    /// The same at frames between contacts that were hidden from the estimator, bridged ones, and
+    /// how many of the frames had no pose.
     pub(super) dropped: usize,
     pub(super) dropped_mm: [f64; 3],
     pub(super) dropped_within: f64,
+    pub(super) dropped_lost: usize,
     /// Share of times at which a foot is lost.
     pub(super) lost: f64,
 }
@@ -222,7 +224,13 @@ fn drop_swings(
             times.each_ref().map(Vec::as_slice),
         );
         for (foot, poses) in poses.iter().enumerate() {
-            let known = poses.iter().filter(|pose| pose.status != FootStatus::Lost);
+            let known = poses
+                .iter()
+                .filter(|pose| pose.status == FootStatus::Bridged);
+            errors.lost += poses
+                .iter()
+                .filter(|pose| pose.status == FootStatus::Lost)
+                .count();
             for pose in known {
                 let frame = recording.frames.iter().find(|f| f.time_ns == pose.time_ns);
                 if let Some(frame) = frame.filter(|frame| !frame.feet[foot].is_flat) {
@@ -239,6 +247,8 @@ pub(super) struct SwingErrors {
     mm: Vec<f64>,
     /// Components in stated sigmas.
     sigmas: Vec<f64>,
+    /// Poses without estimate.
+    lost: usize,
 }
 
 impl SwingErrors {
@@ -299,6 +309,7 @@ impl Errors {
         ] {
             own.mm.extend(&other.mm);
             own.sigmas.extend(&other.sigmas);
+            own.lost += other.lost;
         }
     }
 
@@ -333,6 +344,7 @@ impl Errors {
             dropped,
             dropped_mm,
             dropped_within,
+            dropped_lost: self.dropped.lost,
             ..row
         }
     }

@@ -239,6 +239,7 @@ fn holes(surface: &Surface, truth: &Truth<'_>, scores: &mut Scores) {
             GroundSample {
                 position: [x, y, z + noise],
                 sigma_m: CONTACT_SIGMA_M,
+                contact: number,
             }
         })
         .collect();

@@ -21,14 +21,15 @@ pub(super) struct Floor {
 /// A floor by its cell and its number in the cell, from below.
 pub(super) type Place = (Cell, usize);
 
-/// Floors of a column of samples, from below.
+/// Floors of a column of samples, from below. Surfaces that are apart by more than a step are
+/// different floors: the seat of a bench is not the ground beside it.
 pub(super) fn floors(samples: &[Sample], config: &MapConfig) -> Vec<Floor> {
     let is_ground = |sample: &Sample| f64::from(sample.normal[2]) >= config.min_ground_cos;
     let mut groups: Vec<Vec<Sample>> = Vec::new();
     for sample in samples.iter().filter(|sample| is_ground(sample)) {
         let same = groups.last_mut().filter(|group| {
             let last = group[group.len() - 1];
-            f64::from(sample.z - last.z) <= config.level_gap_m
+            f64::from(sample.z - last.z) <= config.max_step_m
         });
         match same {
             Some(group) => group.push(*sample),

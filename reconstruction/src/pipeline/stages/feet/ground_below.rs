@@ -206,63 +206,81 @@ impl Tolerance {
     }
 }
 
-/// What is uncertain of a foot's pose, in its own axes, by the placement of its tag: the tolerance,
-/// or what remains of it where the ground says something.
-pub(super) fn remaining(
-    tag: &RigShoeTag,
-    error: &PlacementError,
-    config: &PlacementConfig,
-) -> Covariance {
-    let tolerance = Tolerance::of(tag, config);
-    let after = |own: Option<Estimate>, prior: f64| match own {
-        Some(Estimate { sigma, .. }) => prior * sigma / prior.hypot(sigma).max(f64::MIN_POSITIVE),
-        None => prior,
-    };
-    let [roll, pitch] = error.tilt_rad.map(|own| after(own, tolerance.tilt_rad));
-    let height = after(error.height_m, tolerance.height_m);
-    // The foot turns about the tag.
-    let at_tag = RigidTransform::from_translation_m(tag.foot_from_tag.translation_m());
-    let sigmas = Covariance::from_sigmas(
-        [tolerance.along_m, tolerance.along_m, height],
-        [roll, pitch, tolerance.heading_rad],
-    );
-    match (at_tag, sigmas) {
-        (Ok(foot_from_tag_axes), Ok(sigmas)) => sigmas.moved(&foot_from_tag_axes),
-        _ => Covariance::zero(),
+/// The placement of a tag after the ground below its foot is known.
+pub(super) struct Correction {
+    pub(super) foot_from_tag: RigidTransform,
+    /// What is uncertain of the foot's pose, in its own axes, by the placement.
+    pub(super) uncertain: Covariance,
+    /// Whether the ground contradicts the tolerance: the placement is then that of the rig file.
+    pub(super) contradicts: bool,
+}
+
+/// A value with the rig file's placement as the prior, 0 with its tolerance.
+struct Posterior {
+    value: f64,
+    sigma: f64,
+    contradicts: bool,
+}
+
+impl Posterior {
+    fn new(estimate: Option<Estimate>, prior: f64) -> Self {
+        let Some(Estimate { value, sigma }) = estimate else {
+            return Self {
+                value: 0.0,
+                sigma: prior,
+                contradicts: false,
+            };
+        };
+        let both = prior.hypot(sigma).max(f64::MIN_POSITIVE);
+        if value.abs() > 3.0 * both {
+            // It is not corrected, so that all of it remains.
+            return Self {
+                value: 0.0,
+                sigma: prior.max(value.abs()),
+                contradicts: true,
+            };
+        }
+        Self {
+            value: value * (prior / both).powi(2),
+            sigma: prior * sigma / both,
+            contradicts: false,
+        }
     }
 }
 
-/// A corrected placement of a tag, and whether the ground contradicts the tolerance of the rig
-/// file. The rig file's placement is the prior, with its tolerance.
+/// The placement of a tag, corrected as far as the tolerance of the rig file allows.
 pub(super) fn corrected(
     tag: &RigShoeTag,
     error: &PlacementError,
     config: &PlacementConfig,
-) -> (RigidTransform, bool) {
+) -> Correction {
     let tolerance = Tolerance::of(tag, config);
-    let mut contradicts = false;
-    let mut posterior = |estimate: Option<Estimate>, prior: f64| {
-        let Some(Estimate { value, sigma }) = estimate else {
-            return 0.0;
-        };
-        let is_possible = value.abs() <= 3.0 * prior.hypot(sigma);
-        contradicts |= !is_possible;
-        match is_possible {
-            true => value * prior * prior / (prior * prior + sigma * sigma),
-            false => 0.0,
-        }
-    };
-    let [roll, pitch] = error.tilt_rad.map(|own| posterior(own, tolerance.tilt_rad));
-    let height = posterior(error.height_m, tolerance.height_m);
+    let [roll, pitch] = error
+        .tilt_rad
+        .map(|own| Posterior::new(own, tolerance.tilt_rad));
+    let height = Posterior::new(error.height_m, tolerance.height_m);
     // The tag is where it is along and across the sole; tilt and height are those of the sole.
-    let turn = RigidTransform::from_rotation_vector([roll, pitch, 0.0], [0.0; 3]);
+    let turn = RigidTransform::from_rotation_vector([roll.value, pitch.value, 0.0], [0.0; 3]);
     let turn = turn.unwrap_or_else(|_| RigidTransform::identity());
     let place = tag.foot_from_tag;
     let [x, y, z] = place.translation_m();
-    let lifted = turn.rotate([x, y, z])[2] + height;
+    let lifted = turn.rotate([x, y, z])[2] + height.value;
     let rotation = (turn * place).rotation_wxyz();
     let corrected = RigidTransform::from_wxyz(rotation, [x, y, lifted]);
-    (corrected.unwrap_or(place), contradicts)
+    // The foot turns about the tag.
+    let at_tag = RigidTransform::from_translation_m(tag.foot_from_tag.translation_m());
+    let sigmas = Covariance::from_sigmas(
+        [tolerance.along_m, tolerance.along_m, height.sigma],
+        [roll.sigma, pitch.sigma, tolerance.heading_rad],
+    );
+    Correction {
+        foot_from_tag: corrected.unwrap_or(place),
+        uncertain: match (at_tag, sigmas) {
+            (Ok(foot_from_tag_axes), Ok(sigmas)) => sigmas.moved(&foot_from_tag_axes),
+            _ => Covariance::zero(),
+        },
+        contradicts: roll.contradicts || pitch.contradicts || height.contradicts,
+    }
 }
 
 #[cfg(test)]

@@ -206,7 +206,7 @@ impl Camera<'_> {
         most.filter(|(_, frames)| count(frames) as f64 > config.better_rest_ratio * without)
     }
 
-    /// Detections of which its own are earlier.
+    /// Detections of which its own are earlier, by time.
     fn moved(self, detections: &[TagDetection], late_s: f64) -> Vec<TagDetection> {
         let late_ns = (1e9 * late_s).round() as i64;
         let mut moved = detections.to_vec();
@@ -215,6 +215,8 @@ impl Camera<'_> {
                 own.time_ns -= late_ns;
             }
         }
+        // Beside those of other cameras.
+        moved.sort_by_key(|own| own.time_ns);
         moved
     }
 

@@ -12,7 +12,7 @@ use scene_bundle::outputs::rig::RigModel;
 use scene_bundle::outputs::terrain::TerrainMesh;
 
 use super::super::soles::shoe;
-use super::ground_below::{GroundBelow, corrected, places, remaining};
+use super::ground_below::{GroundBelow, corrected, places};
 use crate::pipeline::Findings;
 
 /// What the ground says of the placement of tags.
@@ -49,7 +49,7 @@ pub(super) fn correct_placement(
         let samples = ground.samples(&contacts[k]);
         let none = PlacementError::default();
         if let Some(tag) = shoe(rig, foot).and_then(|shoe| shoe.tags.first()) {
-            uncertain[k] = remaining(tag, &none, &config);
+            uncertain[k] = corrected(tag, &none, &config).uncertain;
         }
         if let Some(slip) = slip(&samples, &config) {
             work.record_loss(slip_message(foot, &slip));
@@ -60,16 +60,20 @@ pub(super) fn correct_placement(
         let error = placement_error(&samples, &config);
         let gross = gross_placement_error(&samples, &config);
         let shoes = rig.shoes.iter_mut().filter(|shoe| shoe.foot == foot);
-        for tag in shoes.flat_map(|shoe| &mut shoe.tags) {
-            uncertain[k] = remaining(tag, &error, &config);
-            let (place, contradicts) = corrected(tag, &error, &config);
-            if contradicts || corrected(tag, &gross, &config).1 {
-                work.record_loss(placement_message(foot, &gross));
+        let mut contradicts = false;
+        for (number, tag) in shoes.flat_map(|shoe| &mut shoe.tags).enumerate() {
+            let correction = corrected(tag, &error, &config);
+            contradicts |= correction.contradicts || corrected(tag, &gross, &config).contradicts;
+            // Of two tags the less certain one counts for the pose.
+            if number == 0 || height_sigma(&correction.uncertain) > height_sigma(&uncertain[k]) {
+                uncertain[k] = correction.uncertain;
             }
-            is_corrected |= place != tag.foot_from_tag;
-            tag.foot_from_tag = place;
+            is_corrected |= correction.foot_from_tag != tag.foot_from_tag;
+            tag.foot_from_tag = correction.foot_from_tag;
         }
-        if let Some(height) = error.height_m {
+        if contradicts {
+            work.record_loss(placement_message(foot, &gross));
+        } else if let Some(height) = error.height_m {
             let tilt = error
                 .tilt_rad
                 .map(|own| own.map_or(0.0, |own| own.value.to_degrees()));
@@ -90,6 +94,11 @@ pub(super) fn correct_placement(
         uncertain,
         slipped,
     }
+}
+
+/// One standard deviation of the height, m.
+fn height_sigma(covariance: &Covariance) -> f64 {
+    covariance.sigmas()[2]
 }
 
 fn slip_message(foot: Foot, slip: &Slip) -> String {

@@ -8,8 +8,9 @@ use terrain::maps::GroundSample;
 
 use super::config::MapsConfig;
 
-/// Samples of a contact; `outline_m` is that of the sole in the frame of the foot.
+/// Samples of a contact with its number; `outline_m` is that of the sole in the frame of the foot.
 pub(super) fn contact_patch(
+    number: usize,
     contact: &FootContact,
     outline_m: &[[f64; 2]],
     config: &MapsConfig,
@@ -43,20 +44,21 @@ pub(super) fn contact_patch(
             GroundSample {
                 position,
                 sigma_m: sigmas.iter().map(|s| s * s).sum::<f64>().sqrt(),
+                contact: number,
             }
         })
         .collect()
 }
 
-/// Whether a point is within a convex polygon, of either orientation.
+/// Whether a point is within a polygon, convex or not, of either orientation: a ray to the right
+/// crosses an odd number of its sides.
 fn is_inside(point: &Vector2<f64>, corners: &[Vector2<f64>]) -> bool {
     let next = corners.iter().cycle().skip(1);
-    let sides = corners.iter().zip(next);
-    let mut signs = sides.map(|(a, b)| (b - a).perp(&(point - a)) >= 0.0);
-    let Some(first) = signs.next() else {
-        return false;
-    };
-    signs.all(|sign| sign == first)
+    let crossed = corners.iter().zip(next).filter(|(a, b)| {
+        let is_beside = (a.y > point.y) != (b.y > point.y);
+        is_beside && point.x < a.x + (b.x - a.x) * (point.y - a.y) / (b.y - a.y)
+    });
+    crossed.count() % 2 == 1
 }
 
 #[cfg(test)]
@@ -92,7 +94,7 @@ mod tests {
     #[test]
     fn cells_below_the_sole_have_its_height() {
         let config = MapsConfig::default();
-        let samples = contact_patch(&contact(), &OUTLINE, &config);
+        let samples = contact_patch(0, &contact(), &OUTLINE, &config);
         // 0.028 m2.
         let cell_m2 = config.maps.cell_m * config.maps.cell_m;
         let area = samples.len() as f64 * cell_m2;
@@ -116,8 +118,26 @@ mod tests {
         }
     }
 
+    /// A waist on both sides, as of most soles.
+    #[test]
+    fn a_concave_outline_has_all_its_cells() {
+        let outline = [
+            [-0.12, -0.04],
+            [0.02, -0.03],
+            [0.16, -0.05],
+            [0.16, 0.05],
+            [0.02, 0.03],
+            [-0.12, 0.04],
+        ];
+        let config = MapsConfig::default();
+        let samples = contact_patch(0, &contact(), &outline, &config);
+        // Two trapezoids, 0.0210 m2 (0.14 m times 0.07 and 0.08 m).
+        let area = samples.len() as f64 * config.maps.cell_m * config.maps.cell_m;
+        assert!((0.017..0.025).contains(&area), "{area}");
+    }
+
     #[test]
     fn a_sole_without_outline_has_no_samples() {
-        assert!(contact_patch(&contact(), &[], &MapsConfig::default()).is_empty());
+        assert!(contact_patch(0, &contact(), &[], &MapsConfig::default()).is_empty());
     }
 }

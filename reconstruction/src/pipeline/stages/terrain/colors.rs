@@ -34,13 +34,14 @@ impl<'a> CloudColors<'a> {
     fn nearest(&self, x: &[f32; 3]) -> Option<[u8; 3]> {
         // Of the eight cells around the corner that is nearest to the vertex.
         let corner = x.map(|v| (v / CELL_M).round() as i32);
+        let max_square = (0.5 * CELL_M) * (0.5 * CELL_M);
         let mut nearest: Option<(f32, u32)> = None;
         for k in 0..8 {
             let cell = [0, 1, 2].map(|axis| corner[axis] - (k >> axis & 1));
             for number in self.cells.get(&cell).into_iter().flatten() {
                 let point = self.points[*number as usize].x_in_world;
                 let square: f32 = (0..3).map(|k| (point[k] - x[k]) * (point[k] - x[k])).sum();
-                if nearest.is_none_or(|(least, _)| square < least) {
+                if square <= nearest.map_or(max_square, |(least, _)| least) {
                     nearest = Some((square, *number));
                 }
             }

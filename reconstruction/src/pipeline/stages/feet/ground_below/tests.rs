@@ -128,9 +128,9 @@ fn a_corrected_tag_puts_the_sole_on_the_ground() {
         tilt_rad: [sure(normal[1]), sure(-normal[0])],
     };
     let config = PlacementConfig::default();
-    let (found, contradicts) = corrected(&tag, &error, &config);
-    assert!(!contradicts);
-    let sole = truth * found.inverse();
+    let found = corrected(&tag, &error, &config);
+    assert!(!found.contradicts);
+    let sole = truth * found.foot_from_tag.inverse();
     assert!(sole.translation_m()[2].abs() < 3e-4, "{sole:?}");
     assert!(sole.rotate([0.0, 0.0, 1.0])[2] > 0.999_999, "{sole:?}");
 
@@ -139,10 +139,13 @@ fn a_corrected_tag_puts_the_sole_on_the_ground() {
         height_m: sure(0.05),
         ..PlacementError::default()
     };
-    let (found, contradicts) = corrected(&tag, &high, &config);
-    assert!(contradicts);
-    let unchanged = (found.inverse() * place).distance_m();
+    let found = corrected(&tag, &high, &config);
+    assert!(found.contradicts);
+    let unchanged = (found.foot_from_tag.inverse() * place).distance_m();
     assert!(unchanged < 1e-12, "{unchanged}");
+    // The sole may be as high as the ground says.
+    let sigmas = found.uncertain.sigmas();
+    assert!(sigmas[2] >= 0.05, "{sigmas:?}");
 }
 
 /// A tread of 29 cm between two others: the ground around the sole is no plane, that below it is.
@@ -177,7 +180,9 @@ fn the_tolerance_of_a_tag_remains_where_the_ground_says_nothing() {
         foot_from_tag_covariance: None,
     };
     let config = PlacementConfig::default();
-    let sigmas = remaining(&tag, &PlacementError::default(), &config).sigmas();
+    let sigmas = corrected(&tag, &PlacementError::default(), &config)
+        .uncertain
+        .sigmas();
     // By its place, and by the tilt about the tag.
     let tilted = |lever_m: f64| lever_m * config.usual_tilt_sigma_rad;
     let height = config.usual_height_sigma_m.hypot(tilted(0.05));
@@ -192,6 +197,6 @@ fn the_tolerance_of_a_tag_remains_where_the_ground_says_nothing() {
         }),
         ..PlacementError::default()
     };
-    let known = remaining(&tag, &known, &config).sigmas();
+    let known = corrected(&tag, &known, &config).uncertain.sigmas();
     assert!(known[2] < sigmas[2], "{known:?}");
 }
