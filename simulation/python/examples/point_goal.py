@@ -54,8 +54,8 @@ def evaluate(
     success, spl, reasons = np.array(results, float).T
     names, counts = np.unique(reasons.astype(int), return_counts=True)
     return {
-        "success": success.mean(),
-        "spl": spl.mean(),
+        "success": float(success.mean()),
+        "spl": float(spl.mean()),
         "returns": returns,
         "ends": {paws_sim.EndReason(n).name: int(c) for n, c in zip(names, counts)},
     }
@@ -63,4 +63,4 @@ def evaluate(
 
 def summary(result: dict) -> dict:
     """A result with the mean of its returns."""
-    return {**result, "returns": np.mean(result["returns"])}
+    return {**result, "returns": float(np.mean(result["returns"]))}
