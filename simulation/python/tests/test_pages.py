@@ -1,5 +1,5 @@
-"""The tables of docs/reference are those of the code: settings with their defaults, rewards, numbers
-of `info`, codes, actions."""
+"""The tables of docs/reference are those of the code: settings with their defaults, rewards,
+numbers of `info`, codes, actions."""
 
 import math
 import re
@@ -46,7 +46,8 @@ def rows(text, first):
 
 def default(text):
     """A default as the page writes it."""
-    text = re.sub("|".join(sorted(ANGLES, key=len, reverse=True)), lambda m: str(ANGLES[m[0]]), text)
+    names = "|".join(sorted(ANGLES, key=len, reverse=True))
+    text = re.sub(names, lambda found: str(ANGLES[found[0]]), text)
     return eval(text, {"__builtins__": {}})
 
 
