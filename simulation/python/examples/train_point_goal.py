@@ -1,7 +1,10 @@
 """Trains an agent to reach goals, with PPO of Stable-Baselines3 from its state alone.
 
-    pip install paws_sim-*.whl stable-baselines3
-    python train_point_goal.py walk.scene
+    python3 -m venv sim
+    sim/bin/pip install "$(ls target/wheels/paws_sim-*.whl)[sb3]"
+    sim/bin/python simulation/python/examples/train_point_goal.py target/demo/walk.scene
+
+The policy is written to `point_goal.zip`.
 """
 
 import argparse
@@ -10,16 +13,10 @@ import time
 import numpy as np
 import paws_sim
 import torch
-from gymnasium.vector import AutoresetMode
 from paws_sim.sb3 import VecEnv
+from point_goal import CONFIG, evaluate, random_actions, summary
 from stable_baselines3 import PPO
 from stable_baselines3.common.callbacks import BaseCallback
-
-# Few goals are learned by heart: the policy then fails on others.
-CONFIG = {
-    "task": {"goal_distance_m": [1.0, 5.0], "goals": 256},
-    "end": {"time_limit_s": 20.0, "unknown_ground_ends": False, "left_map_ends": False},
-}
 
 
 class Curve(BaseCallback):
@@ -40,45 +37,6 @@ class Curve(BaseCallback):
             success, returns = np.mean(np.array(self.episodes, float), axis=0)
             self.points.append([self.num_timesteps, float(success), float(returns)])
         self.episodes = []
-
-
-def evaluate(
-    scene, config, act, episodes: int, goal_seed: int, environments: int = 50, **arguments
-) -> dict:
-    """Success, SPL, ends and the return of each episode, with goals of another seed. The other
-    arguments are those of `WalkVectorEnv`."""
-    environments = min(environments, episodes)
-    config = {**config, "task": {**config["task"], "goal_seed": goal_seed, "goals": episodes}}
-    envs = paws_sim.make_vec(
-        scene,
-        environments,
-        config=config,
-        autoreset_mode=AutoresetMode.SAME_STEP,
-        **arguments,
-    )
-    observations, _ = envs.reset(seed=1_000_000)
-    # A fixed number per environment: fast ones must not be counted more often.
-    left = np.full(environments, episodes // environments)
-    results, returns, sums = [], [], np.zeros(environments)
-    while left.any():
-        observations, rewards, terminated, truncated, info = envs.step(act(observations))
-        sums += rewards
-        for index in np.flatnonzero(terminated | truncated):
-            if left[index] > 0:
-                left[index] -= 1
-                final = info["final_info"]
-                results.append([final[k][index] for k in ("is_success", "spl", "end_reason")])
-                returns.append(float(sums[index]))
-            sums[index] = 0.0
-    envs.close()
-    success, spl, reasons = np.array(results, float).T
-    names, counts = np.unique(reasons.astype(int), return_counts=True)
-    return {
-        "success": success.mean(),
-        "spl": spl.mean(),
-        "returns": returns,
-        "ends": {paws_sim.EndReason(n).name: int(c) for n, c in zip(names, counts)},
-    }
 
 
 def train(scene, config=CONFIG, steps: int = 200_000, seed: int = 0):
@@ -105,22 +63,14 @@ def train(scene, config=CONFIG, steps: int = 200_000, seed: int = 0):
     return model, curve.points
 
 
-def summary(result: dict) -> dict:
-    """A result with the mean of its returns."""
-    return {**result, "returns": np.mean(result["returns"])}
-
-
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("scene")
     parser.add_argument("--steps", type=int, default=200_000)
     parser.add_argument("--seed", type=int, default=0)
     arguments = parser.parse_args()
     scene = paws_sim.open_scene(arguments.scene)
-    generator = np.random.default_rng(0)
-    random = evaluate(
-        scene, CONFIG, lambda o: generator.uniform(-1, 1, (len(o), 2)), episodes=200, goal_seed=1
-    )
+    random = evaluate(scene, CONFIG, random_actions(), episodes=200, goal_seed=1)
     print("random:", summary(random))
     start = time.perf_counter()
     model, curve = train(scene, steps=arguments.steps, seed=arguments.seed)

@@ -19,12 +19,13 @@ use crate::setup::{self, Purpose};
 const PAGES: [&str; 2] = ["README.md", "docs/getting-started.md"];
 
 /// What the pages make.
-const MADE: [&str; 5] = [
+const MADE: [&str; 6] = [
     "plaza.png",
     "recording.html",
     "first.html",
     "first.ply",
     "first.txt",
+    "film.html",
 ];
 
 /// Runs all pages with their builds.

@@ -8,6 +8,7 @@ import contextlib
 import importlib.metadata
 import importlib.util
 import json
+import os
 import sys
 
 import numpy as np
@@ -21,7 +22,8 @@ PACKAGES = ("gymnasium", "numpy", "stable-baselines3", "rsl-rl-lib", "torch")
 
 
 def load(path):
-    """The example as a module."""
+    """The example as a module. It imports others of its folder."""
+    sys.path.insert(0, os.path.dirname(path))
     spec = importlib.util.spec_from_file_location("train_point_goal", path)
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
