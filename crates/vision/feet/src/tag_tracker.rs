@@ -84,8 +84,9 @@ pub struct TagTracker {
     searchers: Vec<Searcher>,
     /// By shoe.
     feet: Vec<Option<FootMotion>>,
-    /// Number of frames before this one.
-    frames: u64,
+    /// Number of frames before this one, by camera: frames of cameras that are triggered together
+    /// alternate.
+    frames: Vec<u64>,
     /// Last left image by camera, and number of frames that repeat it.
     last: Vec<LastImage>,
     repeated: u64,
@@ -104,7 +105,7 @@ impl TagTracker {
         Self {
             searchers: cameras.iter().map(searcher).collect(),
             feet: vec![None; shoes.len()],
-            frames: 0,
+            frames: vec![0; cameras.len()],
             last: vec![LastImage::default(); cameras.len()],
             repeated: 0,
             shoes,
@@ -120,7 +121,7 @@ impl TagTracker {
     pub fn add(&mut self, frame: &Frame<'_>) -> Vec<Detection> {
         if self.is_repeated(frame) {
             self.repeated += 1;
-            self.frames += 1;
+            self.frames[frame.camera] += 1;
             return Vec::new();
         }
         let mut found = Vec::new();
@@ -142,7 +143,7 @@ impl TagTracker {
             let own: Vec<&Detection> = found.iter().filter(|seen| seen.shoe == shoe).collect();
             self.update(frame, shoe, &own);
         }
-        self.frames += 1;
+        self.frames[frame.camera] += 1;
         found
     }
 
@@ -374,7 +375,7 @@ impl TagTracker {
         motion: &Motion,
     ) -> Option<[f64; 2]> {
         let is_whole = fit.visible_share.iter().all(|share| *share == 1.0);
-        let is_next = self.frames.is_multiple_of(self.config.eye_check_frames);
+        let is_next = self.frames[frame.camera].is_multiple_of(self.config.eye_check_frames);
         if !is_whole || !is_next || self.is_blurred(frame, shoe_tag, motion) {
             return None;
         }

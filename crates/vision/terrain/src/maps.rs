@@ -1,11 +1,11 @@
 //! Maps of the ground for foothold planning: grids of every walkable level.
 //!
 //! Contract: stairs may turn over themselves and bridges cross ways, so a place may have several
-//! levels; each has one height per cell. What no view saw is unknown, not free. Only holes that are
-//! narrow and have a plane rim are filled, and flagged ([`FILLED`]). Heights with a large sigma are
-//! flagged ([`UNCERTAIN`]). Ground samples, points that carried a foot for one, give heights where
-//! depth has none, and win where it contradicts them, unless the foot hangs over an edge there. Levels with samples come first, then larger
-//! ones before smaller ones.
+//! levels; each has one height per cell. What no view saw is unknown, not free. Only holes that
+//! are narrow and have a plane rim are filled, and flagged ([`FILLED`]). Heights with a large
+//! sigma are flagged ([`UNCERTAIN`]). Ground samples, points that carried a foot for one, give
+//! heights where depth has none, and win where it contradicts them, unless the foot hangs over an
+//! edge there. Levels with samples come first, then larger ones before smaller ones.
 
 use std::collections::BTreeMap;
 

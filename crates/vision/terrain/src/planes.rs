@@ -55,6 +55,7 @@ pub struct PlaneRefiner {
     lookup: Lookup,
     collected: Vec<CandidateViews>,
     views: u32,
+    dropped: usize,
 }
 
 /// What views show of a candidate.
@@ -71,11 +72,17 @@ struct CandidateViews {
 }
 
 impl PlaneRefiner {
+    /// Number of candidates beyond those that 16 bits count, the smallest ones: they are no planes.
+    pub fn dropped_candidates(&self) -> usize {
+        self.dropped
+    }
+
     /// Finds the candidates.
     pub fn new(mesh: &Mesh, config: &PlaneConfig) -> Self {
         let mut regions = regions::grow(mesh, config);
         // Numbers of planes are 16 bits; the largest ones come first.
         regions.sort_by_key(|region| std::cmp::Reverse(region.vertices.len()));
+        let dropped = regions.len().saturating_sub(usize::from(assignment::NONE));
         regions.truncate(usize::from(assignment::NONE));
         let area: f64 = mesh.triangles.iter().map(|t| mesh.area_m2(*t)).sum();
         let spacing = (area / mesh.positions.len().max(1) as f64).sqrt();
@@ -88,6 +95,7 @@ impl PlaneRefiner {
             lookup: Lookup::default(),
             collected: Vec::new(),
             views: 0,
+            dropped,
         };
         for (number, region) in regions.into_iter().enumerate() {
             let frame = region.frame;

@@ -6,6 +6,8 @@
 //! them. A rig without tags on shoes, or without a camera that can see them, is no loss: there is
 //! nothing to do. Memory does not grow with the session.
 
+use std::collections::BTreeMap;
+
 use ::feet::shoe::{Shoe, ShoeTag, Side};
 use ::feet::tag_tracker::{Camera, Detection, Frame, RigState, TagTracker};
 use cad_transforms::rig::{Foot, TagFamily};
@@ -45,7 +47,7 @@ impl Stage<Input> for TagsStage {
     }
 
     fn version(&self) -> u32 {
-        4
+        5
     }
 
     fn inputs(&self) -> &'static [&'static str] {
@@ -151,7 +153,7 @@ impl TrackerInputs<'_> {
             done += 1;
             work.progress(done, all);
         }
-        report(work.findings(), &eyes, seen, done);
+        report(work.findings(), &eyes, &self.rig.cameras, seen, done);
         report_repeated(work.findings(), tracker.repeated_images(), done);
         Ok(())
     }
@@ -211,9 +213,13 @@ pub fn detection(
     })
 }
 
-/// How both eyes of the cameras agree about tags.
+/// How both eyes of each camera agree about tags.
 #[derive(Clone, Debug, Default)]
-pub struct EyeCounts {
+pub struct EyeCounts(BTreeMap<u8, CameraCounts>);
+
+/// How both eyes of a camera agree.
+#[derive(Clone, Debug, Default)]
+struct CameraCounts {
     /// Number of detections, and of those in which one eye was used of two.
     all: u32,
     one: u32,
@@ -230,14 +236,42 @@ impl EyeCounts {
     /// Adds a detection, as tracked and as a row.
     pub fn count(&mut self, seen: &Detection, row: &TagDetection) {
         let [left, right] = row.visible_share;
-        self.all += 1;
-        self.one += u32::from(left.min(right) < MIN_EYE_SHARE);
-        for (all, own) in self
+        let camera = self.0.entry(row.camera).or_default();
+        camera.all += 1;
+        camera.one += u32::from(left.min(right) < MIN_EYE_SHARE);
+        for (all, own) in camera
             .between
             .iter_mut()
             .zip(seen.between_eyes.into_iter().flatten())
         {
             all.push(own);
+        }
+    }
+}
+
+impl CameraCounts {
+    /// Reports how both eyes of a camera of this name agree.
+    fn report(&self, work: &Findings, camera: &str) {
+        if self.disagree() {
+            work.record_loss(format!(
+                "{} of {} detections of tags by camera {camera} fit the image of one eye only, so \
+                 their distances are not known: check size_m of [[shoe_tag]], the calibration of \
+                 the camera, and whether an eye is covered",
+                self.one, self.all
+            ));
+        } else if let Some(apart) = self.apart() {
+            let [right, down] = apart.map(|own| 1e3 * own);
+            let places = format!(
+                "at the distance that their size says, the right eye of camera {camera} places \
+                 tags {right:.2} mm to the right of and {down:.2} mm below where the left one does"
+            );
+            match apart.iter().any(|own| own.abs() > MAX_BETWEEN_M) {
+                true => work.record_loss(format!(
+                    "{places}, so that heights of feet are wrong: check size_m of [[shoe_tag]] \
+                     and the calibration of the camera"
+                )),
+                false => work.note(places),
+            }
         }
     }
 
@@ -261,32 +295,17 @@ impl EyeCounts {
     }
 }
 
-/// Reports what the frames show: `seen` of `done` contain a tag.
-pub fn report(work: &Findings, eyes: &EyeCounts, seen: u64, done: u64) {
+/// Reports what the frames of the cameras show: `seen` of `done` contain a tag.
+pub fn report(work: &Findings, eyes: &EyeCounts, cameras: &[RigCamera], seen: u64, done: u64) {
     let share = 100.0 * seen as f64 / done.max(1) as f64;
     work.note(format!(
         "{share:.0} % of {done} frames show a tag of a shoe"
     ));
-    if eyes.disagree() {
-        work.record_loss(format!(
-            "{} of {} detections of tags fit the image of one eye only, so their distances are \
-             not known: check size_m of [[shoe_tag]], the calibration of the camera, and \
-             whether an eye is covered",
-            eyes.one, eyes.all
-        ));
-    } else if let Some(apart) = eyes.apart() {
-        let [right, down] = apart.map(|own| 1e3 * own);
-        let places = format!(
-            "at the distance that their size says, the right eye places tags {right:.2} mm to the \
-             right of and {down:.2} mm below where the left one does"
-        );
-        match apart.iter().any(|own| own.abs() > MAX_BETWEEN_M) {
-            true => work.record_loss(format!(
-                "{places}, so that heights of feet are wrong: check size_m of [[shoe_tag]] and the \
-                 calibration of the camera"
-            )),
-            false => work.note(places),
-        }
+    for (camera, counts) in &eyes.0 {
+        let name = cameras
+            .get(usize::from(*camera))
+            .map_or("", |camera| camera.name.as_str());
+        counts.report(work, name);
     }
     if seen == 0 {
         work.record_loss(format!(

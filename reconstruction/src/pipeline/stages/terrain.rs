@@ -40,7 +40,7 @@ impl Stage<Input> for TerrainStage {
     }
 
     fn version(&self) -> u32 {
-        3
+        4
     }
 
     fn inputs(&self) -> &'static [&'static str] {
@@ -95,6 +95,12 @@ impl Stage<Input> for TerrainStage {
             advance();
             Ok(())
         })?;
+        if refiner.dropped_candidates() > 0 {
+            work.record_loss(format!(
+                "{} small planes are left out: their number is limited to 65535",
+                refiner.dropped_candidates()
+            ));
+        }
         let planes = refiner.finish();
         let edges = find_edges(&planes, &config.edges);
         snap(&mut mesh, &planes, &edges, config.fusion.voxel_m);

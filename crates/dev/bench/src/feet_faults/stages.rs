@@ -85,7 +85,7 @@ fn detections(inputs: &Inputs, findings: &Findings) -> Result<Vec<TagDetection>>
         }
     }
     let count = inputs.frames.len() as u64;
-    report(findings, &eyes, seen, count);
+    report(findings, &eyes, &inputs.rig.cameras, seen, count);
     report_repeated(findings, tracker.repeated_images(), count);
     Ok(all)
 }

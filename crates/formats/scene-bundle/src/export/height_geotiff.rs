@@ -23,8 +23,9 @@ use crate::scene::Scene;
 
 /// Name of the coordinate system; `|` ends a text (7.2.2 of the standard).
 const CITATION: &str = "world of a scene bundle|";
-/// Version 1, revision 1.1, with four keys, each with its place and count: the model is user-defined, pixels
-/// are areas, the citation is in the text, the unit is the metre (EPSG 9001).
+/// Version 1, revision 1.1, with four keys, each with its place and count: the model is
+/// user-defined, pixels are areas, the citation is in the text, the unit is the metre (EPSG
+/// 9001).
 const KEYS: [u16; 20] = [
     1,
     1,
