@@ -2,6 +2,8 @@
 
 import copy
 import pickle
+import subprocess
+import sys
 import unittest
 import warnings
 
@@ -426,6 +428,51 @@ class Vector(unittest.TestCase):
             for k in range(4):
                 np.testing.assert_array_equal(a[k], b[k])
 
+    def test_subclasses_with_their_own_constructor_are_copied(self):
+        for env in (Room(4), Rooms(4)):
+            env.reset(seed=3)
+            expected = env.save(*env.indices)
+            for other in (copy.deepcopy(env), pickle.loads(pickle.dumps(env))):
+                self.assertIs(type(other), type(env))
+                self.assertEqual(other.limit, 4)
+                self.assertEqual(other.save(*env.indices), expected)
+
+    def test_copies_before_the_first_reset_start_nothing(self):
+        code = (
+            "import os, pickle, paws_sim\n"
+            "threads = lambda: len(os.listdir('/proc/self/task'))\n"
+            "scene = paws_sim.open_scene('synthetic:room')\n"
+            "before = threads()\n"
+            "few = {'task': {'goals': 2}}\n"
+            "envs = [paws_sim.make(scene, config=few), paws_sim.make_vec(scene, 2, config=few)]\n"
+            "for _ in range(2): envs = [pickle.loads(pickle.dumps(env)) for env in envs]\n"
+            "print(threads() - before)\n"
+            "if os.fork() == 0:\n"
+            "    for env in envs: env.reset(seed=1)\n"
+            "    os._exit(0)\n"
+            "print(os.wait()[1])\n"
+        )
+        result = subprocess.run(
+            [sys.executable, "-W", "ignore", "-c", code], capture_output=True, text=True
+        )
+        self.assertEqual(result.stdout.split(), ["0", "0"], result.stderr)
+
+    def test_a_copy_before_the_first_reset_draws_its_seed(self):
+        env = pickle.loads(pickle.dumps(paws_sim.make_vec(ROOM, 2, config=SHORT)))
+        env.reset()
+        self.assertNotEqual(env._simulator.world.random_keys()[:, 0].tolist(), [0, 1])
+
+    def test_what_its_constructor_refused_is_closed(self):
+        env = paws_sim.WalkVectorEnv.__new__(paws_sim.WalkVectorEnv)
+        with self.assertRaises(paws_sim.SettingError):
+            env.__init__(ROOM, 2, task="fly")
+        self.assertTrue(env.closed)
+        env.close()
+        env.__init__(ROOM, 2, config=SHORT)
+        self.assertFalse(env.closed)
+        env.close()
+        self.assertTrue(env.closed)
+
     def test_arrays_without_copies_alternate(self):
         vector = paws_sim.make_vec(ROOM, 4, config=SHORT, copy=False)
         first, _ = vector.reset(seed=1)
@@ -436,6 +483,19 @@ class Vector(unittest.TestCase):
         self.assertIs(third, first)
         self.assertIsNot(second, first)
 
+    def test_a_reset_leaves_the_array_of_the_step_before(self):
+        vector = paws_sim.make_vec(ROOM, 4, config=SHORT, copy=False)
+        vector.reset(seed=1)
+        first = vector.step(np.ones((4, 2)))[0]
+        kept = first.copy()
+        second = vector.step(np.ones((4, 2)))[0]
+        mask = np.array([True, False, False, False])
+        again, _ = vector.reset(options={"reset_mask": mask})
+        self.assertIs(again, second)
+        self.assertIs(vector.observe(), second)
+        np.testing.assert_array_equal(first, kept)
+        self.assertIs(vector.step(np.ones((4, 2)))[0], first)
+
     def test_arrays_are_exchanged_by_dlpack(self):
         vector = paws_sim.make_vec(ROOM, 4, config=SHORT)
         observations, _ = vector.reset(seed=1)
@@ -444,6 +504,22 @@ class Vector(unittest.TestCase):
         self.assertTrue(np.shares_memory(shared, observations))
         images = paws_sim.Cameras(ROOM).render(ROOM.reference_poses(0)[:2], 16, 16)
         self.assertTrue(np.shares_memory(np.from_dlpack(images["depth"]), images["depth"]))
+
+
+class Room(paws_sim.WalkEnv):
+    indices = ()
+
+    def __init__(self, limit):
+        super().__init__(ROOM, config=SHORT, max_episode_steps=limit)
+        self.limit = limit
+
+
+class Rooms(paws_sim.WalkVectorEnv):
+    indices = (1,)
+
+    def __init__(self, limit):
+        super().__init__(ROOM, 2, config=SHORT, max_episode_steps=limit)
+        self.limit = limit
 
 
 class Processes(unittest.TestCase):
