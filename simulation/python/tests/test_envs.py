@@ -128,6 +128,36 @@ class Scalar(unittest.TestCase):
         self.assertEqual((image.shape, image.dtype), ((240, 320, 3), np.uint8))
         self.assertGreater(image.std(), 1.0)
 
+    def test_a_picture_is_through_the_camera_of_the_agent(self):
+        K = np.array([[60.0, 0.0, 30.0], [0.0, 50.0, 10.0], [0.0, 0.0, 1.0]])
+        distortion = {"model": "radial2", "k1": -0.1, "k2": 0.01}
+        camera = {"width": 48, "height": 32, "K": K, "distortion": distortion, "max_bytes": 20_000,
+                  "exposure": {"gain": 0.7}, "shutter": {"line_s": 1e-3}}
+        arguments = {"render_mode": "rgb_array", "config": SHORT, "camera": camera}
+        env = paws_sim.make(ROOM, observation="rgb", **arguments)
+        env.reset(seed=0)
+        image = env.render()
+        # The corner of the first pixel stays where it is.
+        x, y = 320 / 48, 213 / 32
+        film = np.diag([x, y, 1.0]) @ K
+        film[:2, 2] += [0.5 * x - 0.5, 0.5 * y - 0.5]
+        expected = paws_sim.Cameras(ROOM).render(
+            env.camera_poses()[0], 320, 213, K=film, distortion=distortion, exposure={"gain": 0.7}
+        )
+        np.testing.assert_array_equal(image, expected["rgb"][0])
+        # Without images among its observations it is the same.
+        env = paws_sim.make(ROOM, **arguments)
+        env.reset(seed=0)
+        np.testing.assert_array_equal(env.render(), image)
+
+    def test_the_memory_for_gaussians_is_a_setting_of_the_camera(self):
+        camera = {"budget_bytes": 10, "width": 8, "height": 8}
+        env = paws_sim.make(ROOM, observation="rgb", camera=camera, config=SHORT)
+        with self.assertRaisesRegex(paws_sim.BudgetError, "bytes are needed"):
+            env.reset(seed=0)
+        env = paws_sim.make(ROOM, observation="rgb", camera={**camera, "budget_bytes": 2**30})
+        env.reset(seed=0)
+
     def test_a_matrix_of_intrinsics_is_a_lens(self):
         K = np.array([[40.0, 0.0, 23.5], [0.0, 40.0, 17.5], [0.0, 0.0, 1.0]])
         camera = {"width": 48, "height": 36, "K": K}

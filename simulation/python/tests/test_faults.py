@@ -111,6 +111,8 @@ class Usable(unittest.TestCase):
             ({"observation": "smell"}, "observation"),
             ({"actions": np.zeros((2, 5))}, "actions"),
             ({"render_mode": "human"}, "render_mode"),
+            ({"camera": {"budget_bytes": 0}}, "camera.budget_bytes"),
+            ({"camera": {"budget_bytes": 1.5}}, "camera.budget_bytes"),
             ({"config": {"seed": 7}}, r"config.seed: found 7, expected none: `reset\(seed"),
             ({"config": {"environments": 5}}, "config.environments: found 5"),
         ):

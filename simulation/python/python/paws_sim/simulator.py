@@ -15,7 +15,16 @@ from gymnasium import spaces
 from gymnasium.vector import AutoresetMode
 
 from . import _core
-from .cameras import Cameras, mount, resolved, timing
+from .cameras import (
+    BUDGET_BYTES,
+    Cameras,
+    check_budget,
+    film_camera,
+    intrinsics,
+    lens_and_options,
+    mount,
+    timing,
+)
 
 TASKS = ("point-goal", "follow-path", "velocity")
 PARTS = ("state", "rgb", "depth")
@@ -99,6 +108,10 @@ def merge_settings(*parts: Mapping[str, Any]) -> dict[str, Any]:
     return whole
 
 
+#: Lens and options of films where an environment has no camera.
+_FILM = (320, 240, *intrinsics(320, 240, None, None)), "{}"
+
+
 class Simulator:
     """A world with its cameras, its spaces and the reward of the user."""
 
@@ -132,7 +145,11 @@ class Simulator:
         settings = merge_settings(
             {"task": {"task": task}, "environments": environments, "seed": 0}, config
         )
+        has_camera = bool(camera)
         camera = {"far_m": 20.0, **(camera or {})}
+        self._budget_bytes = check_budget(
+            "camera.budget_bytes", camera.pop("budget_bytes", BUDGET_BYTES)
+        )
         if "timing" in camera:
             settings = merge_settings(settings, {"timing": timing(camera.pop("timing"))})
         body_from_camera = mount(self.scene, camera)
@@ -144,7 +161,7 @@ class Simulator:
             settings["body_from_camera"] = body_from_camera
         self.far_m = camera["far_m"]
         camera.pop("mount", None)
-        self.lens, self.camera_options = resolved(self.scene, camera)
+        self.lens, self.camera_options = lens_and_options(self.scene, camera)
         _core.check_camera(self.lens, self.camera_options)
         if max_episode_steps is not None:
             dt_s = settings.get("dt_s", _core.DT_S)
@@ -161,7 +178,11 @@ class Simulator:
 
         self.parts = self._checked_parts(observation)
         # Without Gaussians images are refused here.
-        self.images = None if self.parts == ("state",) else Cameras(self.scene)
+        has_images = self.parts != ("state",)
+        self.images = self._cameras() if has_images else None
+        self._film = _FILM
+        if has_camera or has_images:
+            self._film = film_camera(self.lens, self.camera_options)
         self.observation_space = self._observation_space()
         self._table = self._action_table(actions)
         size = self.world.action_size
@@ -263,16 +284,20 @@ class Simulator:
         return {part: whole[part] for part in self.parts}
 
     def film(self) -> np.ndarray:
-        """What each agent sees, shape (n, 240, 320, 3)."""
+        """What each agent sees of now, shape (n, height, width, 3): through the camera of the
+        environment, or 90 degrees on 320x240 pixels where it has none."""
         poses, sectors = self.world.camera_poses()
         steps = self.world.numbers()["steps"].astype(np.uint64)
         keys = np.column_stack([self.world.random_keys(), steps])
-        return self._images().render(poses, 320, 240, sectors=sectors, keys=keys)["rgb"]
+        return self._images().render_lens(poses, sectors, keys, None, *self._film)["rgb"]
 
     def _images(self) -> Cameras:
         if self.images is None:
-            self.images = Cameras(self.scene)
+            self.images = self._cameras()
         return self.images
+
+    def _cameras(self) -> Cameras:
+        return Cameras(self.scene, budget_bytes=self._budget_bytes)
 
     def rewards(
         self, rewards, actions, state, numbers, terminated, truncated, had_ended

@@ -134,7 +134,8 @@ class WalkEnv(gymnasium.Env):
         )
 
     def render(self) -> np.ndarray | None:
-        """What the agent sees, 320x240 pixels."""
+        """What the agent sees of now: through its camera with the shape of its images, within
+        320x240 pixels, or 90 degrees on 320x240 pixels without images and settings of a camera."""
         if self.render_mode is None:
             gymnasium.logger.warn("render() without render_mode; make the environment with one")
             return None

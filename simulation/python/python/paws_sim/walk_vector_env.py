@@ -209,7 +209,8 @@ class WalkVectorEnv(gymnasium.vector.VectorEnv):
         }
 
     def render(self) -> tuple[np.ndarray, ...] | None:
-        """What each agent sees, 320x240 pixels."""
+        """What each agent sees of now: through its camera with the shape of its images, within
+        320x240 pixels, or 90 degrees on 320x240 pixels without images and settings of a camera."""
         if self.render_mode is None:
             gymnasium.logger.warn("render() without render_mode; make the environment with one")
             return None
