@@ -97,7 +97,9 @@ impl World {
         let length = reader.u32()? as usize;
         let attachment = reader.bytes(length)?;
         reader.end()?;
-        self.shared.prepare(&|_, _| ControlFlow::Continue(()))?;
+        if episode.phase != Phase::New {
+            self.shared.prepare(&|_, _| ControlFlow::Continue(()))?;
+        }
         let is_of_task = match (episode.phase, episode.target, self.shared.config.task.task) {
             (Phase::New, ..) => true,
             (_, Target::Goal { index, .. }, Task::PointGoal) => {

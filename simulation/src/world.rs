@@ -39,7 +39,7 @@ use crate::episode::task::Task;
 use crate::scene::SceneData;
 use crate::support::SupportGrid;
 use environment::EpisodeStart;
-use episode::{Episode, Phase};
+use episode::{Episode, Phase, Target};
 use rows::{Environments, Rows};
 use shared::Shared;
 
@@ -93,9 +93,9 @@ impl World {
         })
     }
 
-    /// Begins episodes in the environments of the mask, or in all. With seeds (one for each
-    /// environment; those outside of the mask are ignored) their episodes are counted from 0;
-    /// without, the next episode of the seed begins.
+    /// Begins episodes in the environments of the mask, or in all. Of one with a seed they are
+    /// counted from 0; without, the next episode of its seed begins. Seeds are one for each
+    /// environment; those outside of the mask are ignored.
     ///
     /// # Errors
     /// [`SimulationError::Start`] if no start was found for one of them, or no goals,
@@ -104,7 +104,7 @@ impl World {
     pub fn reset(
         &mut self,
         mask: Option<&[bool]>,
-        seeds: Option<&[u64]>,
+        seeds: Option<&[Option<u64>]>,
     ) -> Result<(), SimulationError> {
         let count = self.shared.config.environments;
         for (name, len) in [
@@ -125,7 +125,7 @@ impl World {
         let begin = |(index, begin): (usize, &mut Option<EpisodeStart>)| {
             *begin = None;
             if is_reset(index) {
-                let (seed, number) = next_episode(&episodes[index], seeds.map(|s| s[index]));
+                let (seed, number) = next_episode(&episodes[index], seeds.and_then(|s| s[index]));
                 *begin = Some(environment::begin(shared, seed, number)?);
             }
             Ok(())
@@ -274,6 +274,18 @@ impl World {
         let world_from_body = kept.state[environment].world_from_body();
         let pose = world_from_body * kept.body_from_camera[environment];
         (kept.sector[environment] as usize, pose)
+    }
+
+    /// Goal of an environment in the frame of the agent's sector, m; `None` before the first reset
+    /// and for tasks without goals.
+    ///
+    /// # Panics
+    /// Without such an environment.
+    pub fn goal_m(&self, environment: usize) -> Option<[f64; 3]> {
+        match self.environments.episode[environment].target {
+            Target::Goal { position_m, .. } => Some(position_m),
+            Target::Path { .. } | Target::Command => None,
+        }
     }
 
     /// Seed of an environment and number of its episode: the key of its random numbers.

@@ -141,8 +141,8 @@ impl PyCameras {
             return Ok(camera.clone());
         }
         let config = config(lens, options)?;
-        let made = CameraBatch::new(state.store.clone(), config);
-        let camera = Arc::new(made.map_err(|error| exception(&error))?);
+        let camera = CameraBatch::new(state.store.clone(), config);
+        let camera = Arc::new(camera.map_err(|error| exception(&error))?);
         if state.cameras.len() >= MAX_CAMERAS {
             state.cameras.clear();
         }
@@ -182,8 +182,8 @@ fn config(
             _ => {
                 return Err(SettingError::new_err(format!(
                     "{place}: found an unknown setting, expected width, height, fov, K, \
-                     recorded, distortion, mount, timing, exposure, noise, shutter, variation, \
-                     quality, depth, far_m or max_bytes"
+                     recorded, distortion, mount, timing, budget_bytes, exposure, noise, \
+                     shutter, variation, quality, depth, far_m or max_bytes"
                 )));
             }
         }

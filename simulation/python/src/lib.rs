@@ -36,6 +36,7 @@ mod _core {
     fn init(module: &Bound<'_, PyModule>) -> PyResult<()> {
         error::add_to(module)?;
         module.add("REWARD_TERMS", simulation::REWARD_TERMS)?;
+        module.add("DT_S", simulation::WorldConfig::default().dt_s)?;
         let reasons = PyDict::new(module.py());
         for reason in simulation::EndReason::ALL {
             reasons.set_item(reason.name().to_uppercase(), reason as i8)?;

@@ -65,7 +65,7 @@ pub(crate) fn run<T: Send>(py: Python<'_>, work: impl FnOnce() -> T + Send) -> P
 
 /// Runs work of any duration. A signal, such as Ctrl-C, ends the wait for it and sets the flag
 /// that the work receives. Work that does not look at the flag is finished in the background, and
-/// who needs its results next waits for it.
+/// the next call that needs its results waits for it.
 ///
 /// # Errors
 /// The exception of the signal.
@@ -87,8 +87,8 @@ pub(crate) fn run_apart<T: Send + 'static>(
 ) -> PyResult<T> {
     let is_cancelled = Arc::new(AtomicBool::new(false));
     let flag = is_cancelled.clone();
-    let (to, done) = sync_channel(1);
-    let done = Mutex::new(done);
+    let (to, from) = sync_channel(1);
+    let from = Mutex::new(from);
     let worker = std::thread::Builder::new().name("paws-sim work".to_owned());
     let worker = worker.spawn(move || {
         // Nobody waits any longer after a signal.
@@ -96,8 +96,8 @@ pub(crate) fn run_apart<T: Send + 'static>(
     })?;
     loop {
         let wait = || {
-            let done = done.lock().unwrap_or_else(PoisonError::into_inner);
-            done.recv_timeout(SIGNAL_INTERVAL)
+            let from = from.lock().unwrap_or_else(PoisonError::into_inner);
+            from.recv_timeout(SIGNAL_INTERVAL)
         };
         match py.detach(wait) {
             Ok(result) => {
@@ -129,10 +129,10 @@ impl Owner {
     /// [`StateError`] in a child process of the owner.
     pub(crate) fn check(&self, what: &str) -> PyResult<()> {
         let process = std::process::id();
-        let taken = self
+        let before = self
             .0
             .compare_exchange(0, process, Ordering::Relaxed, Ordering::Relaxed);
-        match taken {
+        match before {
             Ok(_) => Ok(()),
             Err(owner) if owner == process => Ok(()),
             Err(owner) => Err(StateError::new_err(format!(

@@ -68,8 +68,8 @@ impl PyScene {
     #[staticmethod]
     fn synthetic(py: Python<'_>, name: String) -> PyResult<Self> {
         let make = synthetic(&name)?;
-        let made = pool::run_apart(py, move |_| make())?.map_err(|error| exception(&error))?;
-        Ok(Self::new(made.scene, format!("synthetic:{name}")))
+        let synthetic = pool::run_apart(py, move |_| make())?.map_err(|error| exception(&error))?;
+        Ok(Self::new(synthetic.scene, format!("synthetic:{name}")))
     }
 
     /// Its name.
@@ -128,15 +128,16 @@ impl PyScene {
     /// Cameras that recorded a sector: name, image size, intrinsics fx, fy, cx, cy.
     fn cameras<'py>(&self, py: Python<'py>, sector: usize) -> PyResult<Vec<Bound<'py, PyDict>>> {
         let cameras = self.sector(sector)?.recording.cameras.iter();
-        let described = cameras.map(|camera| {
-            let model = &camera.model;
-            let of = PyDict::new(py);
-            of.set_item("name", &camera.name)?;
-            of.set_item("size", (model.width, model.height))?;
-            of.set_item("intrinsics", (model.fx, model.fy, model.cx, model.cy))?;
-            Ok(of)
-        });
-        described.collect()
+        cameras
+            .map(|camera| {
+                let model = &camera.model;
+                let of = PyDict::new(py);
+                of.set_item("name", &camera.name)?;
+                of.set_item("size", (model.width, model.height))?;
+                of.set_item("intrinsics", (model.fx, model.fy, model.cx, model.cy))?;
+                Ok(of)
+            })
+            .collect()
     }
 
     /// What was recorded of the walk, in the frame of a sector.

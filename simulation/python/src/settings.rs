@@ -10,7 +10,7 @@ use crate::error::SettingError;
 /// Any JSON.
 ///
 /// # Errors
-/// [`SettingError`] for a text that is none.
+/// [`SettingError`] for another text.
 pub(crate) fn json<T: DeserializeOwned>(place: &str, text: &str) -> PyResult<T> {
     serde_json::from_str(text).map_err(|error| wrong(place, &error))
 }
@@ -38,7 +38,7 @@ pub(crate) fn fields<T: DeserializeOwned>(place: &str, settings: Value) -> PyRes
 /// A pose of a homogeneous matrix as JSON.
 ///
 /// # Errors
-/// [`SettingError`] for what is no rotation and translation.
+/// [`SettingError`] for a matrix that is not a rotation and a translation.
 pub(crate) fn pose(matrix: &[[f64; 4]; 4]) -> PyResult<String> {
     let rows = std::array::from_fn(|k| matrix[k / 4][k % 4]);
     let pose = RigidTransform::from_rows_4x4(rows)

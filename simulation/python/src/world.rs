@@ -46,13 +46,14 @@ type PyFrames<'py> = (
 #[pyclass(name = "World", module = "paws_sim._core", frozen)]
 pub(crate) struct PyWorld {
     batch: Arc<Mutex<Option<Batch>>>,
-    /// Two arrays that observations alternate between where they are not copied.
+    /// Two arrays that steps alternate between where observations are not copied; the first one has
+    /// the last observations.
     buffers: Mutex<Option<[Py<PyArray2<f32>>; 2]>>,
     owner: Owner,
     environments: usize,
     action_size: usize,
     config: String,
-    /// Whether the last step was long; before the first it is not known, and taken as long.
+    /// Whether the last step was long; before the first it is not known and counts as long.
     is_long: AtomicBool,
 }
 
@@ -68,8 +69,8 @@ impl PyWorld {
             .map_err(|error| SettingError::new_err(format!("configuration: {error}")))?;
         let (environments, action_size) = (parsed.environments, parsed.drive.action_size());
         let data = scene.data.clone();
-        let made = py.detach(|| World::new(data, parsed));
-        let world = made.map_err(|error| exception(&error))?;
+        let world = py.detach(|| World::new(data, parsed));
+        let world = world.map_err(|error| exception(&error))?;
         let shape = [environments, world.observation_bounds().0.len()];
         let buffer = || PyArray2::<f32>::zeros(py, shape, false).unbind();
         let buffers = (!copy).then(|| [buffer(), buffer()]);
@@ -124,14 +125,14 @@ impl PyWorld {
         })
     }
 
-    /// Begins episodes in the environments of the mask, or in all. With seeds, one per environment,
-    /// episodes are counted from 0.
+    /// Begins episodes in the environments of the mask, or in all. With a seed, one or `None` per
+    /// environment, episodes are counted from 0.
     #[pyo3(signature = (mask=None, seeds=None))]
     fn reset(
         &self,
         py: Python<'_>,
         mask: Option<PyReadonlyArray1<'_, bool>>,
-        seeds: Option<Vec<u64>>,
+        seeds: Option<Vec<Option<u64>>>,
     ) -> PyResult<()> {
         self.owner.check("the world")?;
         let mask = mask.map(|mask| mask.as_array().to_vec());
@@ -149,7 +150,8 @@ impl PyWorld {
 
     /// Advances all environments, with an autoreset of 0 (the step after the end), 1 (in the same
     /// step) or 2 (none). Returns observations, rewards, terminated, truncated, numbers of the
-    /// step, and with 1 where episodes ended: their mask, final observations and numbers.
+    /// step, the mask of those that had ended before it and ignored their action, and with 1 where
+    /// episodes ended: their mask, final observations and numbers.
     fn step<'py>(
         &self,
         py: Python<'py>,
@@ -179,7 +181,8 @@ impl PyWorld {
         self.is_long.store(took > LONG_STEP, Ordering::Relaxed);
         let batch = self.lock(py)?;
         let batch = open(&batch)?;
-        let done = &batch.step;
+        self.alternate();
+        let step = &batch.step;
         let ended = match &batch.ended {
             None => py.None().into_bound(py),
             Some(ended) => {
@@ -192,10 +195,11 @@ impl PyWorld {
         };
         (
             self.observations_of(py, batch)?,
-            PyArray1::from_slice(py, &done.rewards),
-            PyArray1::from_slice(py, &done.terminated),
-            PyArray1::from_slice(py, &done.truncated),
+            PyArray1::from_slice(py, &step.rewards),
+            PyArray1::from_slice(py, &step.terminated),
+            PyArray1::from_slice(py, &step.truncated),
             arrays::numbers(py, batch.world.result())?,
+            PyArray1::from_slice(py, batch.had_ended()),
             ended,
         )
             .into_pyobject(py)
@@ -277,17 +281,17 @@ impl PyWorld {
     }
 
     /// Puts an agent somewhere, as physics outside of this world does: position, m, and yaw,
-    /// pitch, roll, rad.
-    #[pyo3(signature = (environment, sector, position_m, angles_rad, velocity, level=0))]
+    /// pitch, roll, rad, in the frame of a sector, which is the agent's without one.
+    #[pyo3(signature = (environment, position_m, angles_rad, velocity, sector=None, level=0))]
     #[expect(clippy::too_many_arguments, reason = "a state is its parts in Python")]
     fn place(
         &self,
         py: Python<'_>,
         environment: usize,
-        sector: usize,
         position_m: [f64; 3],
         angles_rad: [f64; 3],
         velocity: [f64; 3],
+        sector: Option<usize>,
         level: usize,
     ) -> PyResult<()> {
         self.owner.check("the world")?;
@@ -301,7 +305,10 @@ impl PyWorld {
             level,
             is_on_ground: true,
         };
+        let is_there = environment < self.environments;
         self.work(py, false, move |batch, _| {
+            let own = || is_there.then(|| batch.world.world_from_camera(environment).0);
+            let sector = sector.or_else(own).unwrap_or_default();
             batch.world.place(environment, sector, &state)
         })
     }
@@ -336,7 +343,7 @@ impl PyWorld {
         self.owner.check("the world")?;
         let attachment = self.work(py, true, move |batch, _| {
             let attachment = batch.world.restore(environment, &snapshot)?.to_vec();
-            batch.restored(environment);
+            batch.mark_restored(environment);
             Ok(attachment)
         })?;
         Ok(PyBytes::new(py, &attachment))
@@ -383,11 +390,22 @@ impl PyWorld {
             let mut batch = locked(&batch);
             batch.as_mut().map(|batch| work(batch, is_cancelled))
         };
-        let done = match is_long {
+        let result = match is_long {
             true => pool::run_long(py, work)?,
             false => pool::run(py, move || work(&AtomicBool::new(false)))?,
         };
-        done.ok_or_else(closed)?.map_err(|error| exception(&error))
+        result
+            .ok_or_else(closed)?
+            .map_err(|error| exception(&error))
+    }
+
+    /// Lets the other array have the next observations, where they are not copied: those of the
+    /// step before do not change.
+    fn alternate(&self) {
+        let mut buffers = self.buffers.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(buffers) = &mut *buffers {
+            buffers.reverse();
+        }
     }
 
     fn observations_of<'py>(
@@ -396,13 +414,12 @@ impl PyWorld {
         batch: &Batch,
     ) -> PyResult<Bound<'py, PyArray2<f32>>> {
         let values = batch.world.observations();
-        let mut buffers = self.buffers.lock().unwrap_or_else(PoisonError::into_inner);
-        let Some([next, other]) = &mut *buffers else {
+        let buffers = self.buffers.lock().unwrap_or_else(PoisonError::into_inner);
+        let Some([last, _]) = &*buffers else {
             return PyArray1::from_slice(py, values)
                 .reshape([self.environments, batch.observation_len()]);
         };
-        std::mem::swap(next, other);
-        let array = other.bind(py).clone();
+        let array = last.bind(py).clone();
         let mut into = array.try_readwrite().map_err(|error| {
             StateError::new_err(format!("the array of observations is in use: {error}"))
         })?;

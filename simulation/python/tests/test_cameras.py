@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import paws_sim
-from paws_sim.cameras import resolved
+from paws_sim.cameras import lens_and_options
 
 ROOM = paws_sim.open_scene("synthetic:room")
 SHORT = {"end": {"time_limit_s": 3.0}, "task": {"goals": 4}}
@@ -107,12 +107,12 @@ class Lenses(unittest.TestCase):
             def recording(self, sector):
                 return Recording()
 
-        lens, options = resolved(Scene(), {"recorded": "feet/left", "width": 160})
+        lens, options = lens_and_options(Scene(), {"recorded": "feet/left", "width": 160})
         self.assertEqual(lens, (160, 240, 200.0, 201.0, 159.5, 119.5))
         self.assertEqual(json.loads(options), {"distortion": FISHEYE, "shutter": {"line_s": 2e-5}})
         own = {"recorded": "feet/left", "distortion": RADTAN,
                "shutter": {"line_s": 0.0, "blur_poses": 3}}
-        _, options = resolved(Scene(), own)
+        _, options = lens_and_options(Scene(), own)
         del own["recorded"]
         self.assertEqual(json.loads(options), own)
 
@@ -297,6 +297,7 @@ class Checks(unittest.TestCase):
             ({"gain": 0.0}, "frame 0.*gain"),
             ({"mount": np.eye(4)}, "camera.mount.*only cameras of environments"),
             ({"timing": "gauss_gym"}, "camera.timing.*only cameras of environments"),
+            ({"budget_bytes": 1}, "camera.budget_bytes.*only cameras of environments"),
             ({"mounts": 1}, "camera.mounts.*unknown setting"),
         ):
             with self.subTest(wrong), self.assertRaisesRegex(paws_sim.SettingError, pattern):

@@ -1,5 +1,6 @@
 """Every fault gives the error that names it, and the environment goes on."""
 
+import fcntl
 import importlib
 import json
 import os
@@ -9,7 +10,6 @@ import signal
 import sys
 import tempfile
 import threading
-import time
 import unittest
 import warnings
 
@@ -19,14 +19,11 @@ from paws_sim import _core
 
 ROOM = paws_sim.open_scene("synthetic:room")
 SHORT = {"end": {"time_limit_s": 1.5}, "task": {"goals": 4}}
-#: Time within which Ctrl-C is answered.
-LIMIT_S = 0.1
-
-
-def duration_s(call):
-    begin = time.perf_counter()
-    call()
-    return time.perf_counter() - begin
+# With one try some episodes have no start.
+ONE_TRY = {
+    "end": {"time_limit_s": 0.3, "max_deviation_m": 1.0},
+    "start": {"max_tries": 1},
+}
 
 
 class Usable(unittest.TestCase):
@@ -106,11 +103,119 @@ class Usable(unittest.TestCase):
             ({"observation": "smell"}, "observation"),
             ({"actions": np.zeros((2, 5))}, "actions"),
             ({"render_mode": "human"}, "render_mode"),
+            ({"config": {"seed": 7}}, r"config.seed: found 7, expected none: `reset\(seed"),
+            ({"config": {"environments": 5}}, "config.environments: found 5"),
+            ({"camera": {"budget_bytes": 0}}, "camera.budget_bytes"),
+            ({"camera": {"budget_bytes": 1.5}}, "camera.budget_bytes"),
         ):
             with self.subTest(pattern), self.assertRaisesRegex(paws_sim.SettingError, pattern):
                 paws_sim.make(ROOM, **arguments)
         with self.assertRaisesRegex(paws_sim.SettingError, "synthetic"):
             paws_sim.open_scene("synthetic:moon")
+
+    def test_seeds(self):
+        seeds = lambda vector: vector._simulator.world.random_keys().tolist()
+        for kind in (int, np.int64, np.uint8):
+            self.vector.reset(seed=kind(5))
+            self.assertEqual(seeds(self.vector), [[5, 0], [6, 0], [7, 0]])
+            self.vector.reset(seed=np.array([1, 2, 3], np.uint8))
+            self.assertEqual(seeds(self.vector), [[1, 0], [2, 0], [3, 0]])
+            # None goes on with the next episode.
+            self.vector.reset(seed=[kind(9), None, None])
+            self.assertEqual(seeds(self.vector), [[9, 0], [2, 1], [3, 1]])
+            env = paws_sim.make(ROOM, config=SHORT)
+            env.reset(seed=kind(5))
+            self.assertEqual(seeds(env), [[5, 0]])
+        for wrong in (-1, 1.5, "one", 2**64, [1, 2], [1, 2, -3], [1, 2, 3.5]):
+            with self.subTest(wrong):
+                self.refused(
+                    paws_sim.SettingError, "seed: found",
+                    lambda wrong=wrong: self.vector.reset(seed=wrong),
+                )
+
+    def test_seeds_that_are_not_given_are_drawn(self):
+        seeds = lambda vector: vector._simulator.world.random_keys()[:, 0].tolist()
+        vector = paws_sim.make_vec(ROOM, 3, config=SHORT)
+        vector.reset(seed=[5, None, None])
+        self.assertEqual(seeds(vector)[0], 5)
+        self.assertGreater(min(seeds(vector)[1:]), 2)
+        vector = paws_sim.make_vec(ROOM, 3, config=SHORT)
+        vector.reset(seed=5, options={"reset_mask": np.array([True, False, False])})
+        vector.reset()
+        # The seed that was given has its next episode.
+        self.assertEqual(vector._simulator.world.random_keys()[0].tolist(), [5, 1])
+        self.assertGreater(min(seeds(vector)[1:]), 2)
+
+    def test_a_reset_with_and_without_seeds_that_fails_changes_nothing(self):
+        has_start = {}
+        for seed in range(200):
+            env = paws_sim.make(ROOM, task="velocity", config=ONE_TRY)
+            try:
+                env.reset(seed=seed)
+                has_start.setdefault(True, seed)
+                env.reset()
+            except paws_sim.StartError:
+                # A start of its first episode and none of its next.
+                if env._simulator.world.has_ended()[0]:
+                    continue
+                has_start[False] = seed
+                break
+        vector = paws_sim.make_vec(ROOM, 2, task="velocity", config=ONE_TRY)
+        vector.reset(seed=[has_start[True], has_start[False]])
+        vector.step(np.full((2, 2), 0.5))
+        before = [vector.save(index) for index in range(2)]
+        with self.assertRaises(paws_sim.StartError):
+            vector.reset(seed=[has_start[True], None])
+        self.assertEqual([vector.save(index) for index in range(2)], before)
+
+    def test_agents_of_physics_outside(self):
+        env = paws_sim.make(ROOM, config={**SHORT, "end": {"time_limit_s": 60.0}})
+        env.reset(seed=0)
+        state = env.states()
+        target, angles = state["position_m"] + [0.05, 0.02, 0.0], [0.3, 0.0, 0.0]
+        env.place(target, angles, [0.5, 0.0, 0.1])
+        found = env.states()
+        np.testing.assert_array_equal(found["position_m"], target)
+        np.testing.assert_array_equal(found["angles_rad"], angles)
+        np.testing.assert_array_equal(found["velocity"], [0.5, 0.0, 0.1])
+        # The goal is where the observation has it.
+        ahead = found["goal_m"] - target
+        fields = env.observation_fields
+        distance = np.hypot(*ahead[:2])
+        self.assertIn(distance.astype(np.float32), env.observe()[fields["goal"]])
+        self.assertEqual(sum(of.stop - of.start for of in fields.values()), len(env.observe()))
+        pose, sector = env.camera_poses()
+        self.assertEqual((pose.shape, sector), ((4, 4), 0))
+        np.testing.assert_allclose(pose[:2, 3], target[:2], atol=1e-9)
+        snapshot = env.save(b"gait")
+        self.assertEqual(self.vector.restore(0, self.vector.save(1, b"of 1")), b"of 1")
+        other = paws_sim.make_vec(ROOM, 2, config=env._arguments["config"])
+        other.reset(seed=3)
+        self.assertEqual(other.restore(1, snapshot), b"gait")
+        np.testing.assert_array_equal(other.states()["goal_m"][1], found["goal_m"])
+        other.place(0, target)
+        np.testing.assert_array_equal(other.states()["position_m"], [target, target])
+        velocity = paws_sim.make(ROOM, task="velocity", config=SHORT)
+        velocity.reset(seed=0)
+        self.assertTrue(np.isnan(velocity.states()["goal_m"]).all())
+        for wrong, pattern in (
+            (lambda: env.place([0.0, 0.0]), r"position_m: found shape \(2,\)"),
+            (lambda: env.place("here"), "position_m"),
+            (lambda: env.place(target, level=9), "level 9 of sector 0"),
+            (lambda: env.place(target, sector=3), "level 0 of sector 3"),
+            (lambda: other.place(2, target), "environment"),
+        ):
+            with self.assertRaisesRegex(paws_sim.SettingError, pattern):
+                wrong()
+        env.place([np.nan, 0.0, 0.0])
+        _, _, terminated, truncated, info = env.step(np.zeros(2))
+        self.assertTrue(truncated and not terminated)
+        self.assertEqual(info["end_reason"], paws_sim.EndReason.PHYSICS_FAULT)
+
+    def test_one_class_of_snapshot_errors(self):
+        from paws_sim import physics
+
+        self.assertIs(physics.SnapshotError, paws_sim.SnapshotError)
 
     def test_a_vector_that_is_not_reset_by_itself_waits_for_its_caller(self):
         vector = paws_sim.make_vec(ROOM, 3, config=SHORT, autoreset_mode="Disabled")
@@ -250,6 +355,52 @@ class Usable(unittest.TestCase):
         with self.assertRaisesRegex(paws_sim.StateError, "closed"):
             cameras.render(poses[:1])
 
+    def test_a_step_whose_autoreset_finds_no_start_is_not_repeated(self):
+        # Some seeds have a start, and none for the next episode.
+        start = lambda mode: paws_sim.make_vec(
+            ROOM, 1, task="velocity", config=ONE_TRY, autoreset_mode=mode
+        )
+        seeds = {True: [], False: []}
+        for seed in range(400):
+            vector = start("Disabled")
+            try:
+                vector.reset(seed=seed)
+            except paws_sim.StartError:
+                continue
+            try:
+                vector.reset()
+            except paws_sim.StartError:
+                seeds[False].append(seed)
+            else:
+                seeds[True].append(seed)
+            if min(map(len, seeds.values())) >= 2:
+                break
+        self.assertTrue(all(seeds.values()), seeds)
+        both = [seeds[True][0], seeds[False][0]]
+        actions = np.zeros((2, 2))
+        for mode, steps in (("SameStep", 2), ("NextStep", 3)):
+            vector = paws_sim.make_vec(
+                ROOM, 2, task="velocity", config=ONE_TRY, autoreset_mode=mode
+            )
+            vector.reset(seed=both)
+            for _ in range(steps):
+                vector.step(actions)
+            with self.subTest(mode):
+                with self.assertRaisesRegex(paws_sim.StartError, "in 1 tries"):
+                    vector.step(actions)
+                refused = lambda: self.assertRaisesRegex(paws_sim.StateError, "reset all")
+                with refused():
+                    vector.step(actions)
+                # A part of them is not enough: the results of the others are lost too.
+                vector.reset(seed=both, options={"reset_mask": np.array([False, True])})
+                with refused():
+                    vector.step(actions)
+                vector.reset(seed=both)
+                for _ in range(steps):
+                    _, _, _, truncated, info = vector.step(actions)
+                self.assertEqual(truncated.tolist(), [mode == "NextStep"] * 2)
+                self.assertEqual(info["steps"].tolist(), [steps] * 2)
+
     def test_snapshots(self):
         snapshot = self.vector.save(0)
         for at in range(len(snapshot)):
@@ -294,9 +445,80 @@ class Usable(unittest.TestCase):
             if name != "tracking_sigma"
         }})
         vector.reset(seed=0), plain.reset(seed=0)
+        some = False
         for _ in range(40):
             actions = np.full((3, 2), 0.6)
-            np.testing.assert_allclose(vector.step(actions)[1], plain.step(actions)[1])
+            rewards = vector.step(actions)[1]
+            np.testing.assert_allclose(rewards, plain.step(actions)[1])
+            some |= rewards.any()
+        self.assertTrue(some)
+
+    def test_rewards_of_the_user_are_of_the_step_before_an_autoreset(self):
+        reward = lambda inputs: inputs.numbers["steps"] + 0.01 * np.abs(inputs.state).sum(axis=1)
+        actions = np.array([[0.6, 0.1], [0.2, -0.4], [1.0, 0.5]])
+        for mode in ("NextStep", "SameStep", "Disabled"):
+            with self.subTest(mode):
+                vector = paws_sim.make_vec(
+                    ROOM, 3, config=SHORT, reward=reward, autoreset_mode=mode
+                )
+                vector.reset(seed=0)
+                envs = [paws_sim.make(ROOM, config=SHORT, reward=reward) for _ in range(3)]
+                for seed, env in enumerate(envs):
+                    env.reset(seed=seed)
+                ended, ends = np.zeros(3, np.bool_), 0
+                for _ in range(40):
+                    if mode == "Disabled" and ended.any():
+                        vector.reset(options={"reset_mask": ended})
+                    _, rewards, terminated, truncated, _ = vector.step(actions)
+                    for index, env in enumerate(envs):
+                        if ended[index]:
+                            env.reset()
+                            if mode == "NextStep":
+                                self.assertEqual(rewards[index], 0.0)
+                                continue
+                        expected = env.step(actions[index])
+                        self.assertGreater(expected[1], 1.0)
+                        self.assertEqual(rewards[index], expected[1])
+                    ended = terminated | truncated
+                    ends += ended.sum()
+                self.assertGreaterEqual(ends, 6)
+
+    def test_rewards_of_the_user_after_restoring_an_end(self):
+        reward = lambda inputs: inputs.numbers["steps"].astype(float)
+        env = paws_sim.make(ROOM, config=SHORT)
+        env.reset(seed=0)
+        before = env.save()
+        while not any(env.step(np.zeros(2))[2:4]):
+            pass
+        ended = env.save()
+        for mode in ("NextStep", "SameStep"):
+            with self.subTest(mode):
+                vector = paws_sim.make_vec(
+                    ROOM, 2, config=SHORT, reward=reward, autoreset_mode=mode
+                )
+                vector.reset(seed=5)
+                vector.restore(0, ended)
+                # The first step only begins an episode.
+                _, rewards, terminated, truncated, info = vector.step(np.zeros((2, 2)))
+                self.assertEqual(rewards.tolist(), [0.0, 1.0])
+                self.assertEqual(info["steps"].tolist(), [0, 1])
+                self.assertFalse(terminated.any() or truncated.any() or "final_obs" in info)
+                for steps in (1, 2):
+                    rewards = vector.step(np.zeros((2, 2)))[1]
+                    self.assertEqual(rewards.tolist(), [steps, steps + 1])
+                vector.restore(0, before)
+                self.assertEqual(vector.step(np.zeros((2, 2)))[1].tolist(), [1.0, 4.0])
+
+    def test_a_refused_step_changes_no_reward_of_the_user(self):
+        reward = lambda inputs: inputs.numbers["steps"].astype(float)
+        vector = paws_sim.make_vec(ROOM, 2, config=SHORT, reward=reward)
+        vector.reset(seed=0)
+        while not any(map(np.any, vector.step(np.zeros((2, 2)))[2:4])):
+            pass
+        with self.assertRaises(paws_sim.ActionError):
+            vector.step(np.full((2, 2), np.nan))
+        self.assertEqual(vector.step(np.zeros((2, 2)))[1].tolist(), [0.0, 0.0])
+        self.assertEqual(vector.step(np.zeros((2, 2)))[1].tolist(), [1.0, 1.0])
 
     def test_optional_packages(self):
         for module, package, install in (
@@ -357,94 +579,84 @@ class Usable(unittest.TestCase):
         done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
         self.assertEqual(done.stdout.strip(), "0", done.stderr)
 
-    def answers_ctrl_c(self, call, whole):
-        """Ctrl-C ends a call that takes `whole` seconds long before its own end, in one of four
-        tries: other programs may hold any of them up."""
+
+def workers():
+    """Number of threads of calls whose work has not ended; a call that waits for it ends its own."""
+    names = []
+    for task in os.listdir("/proc/self/task"):
+        try:
+            names.append(pathlib.Path(f"/proc/self/task/{task}/comm").read_text().strip())
+        except OSError:
+            # It has ended.
+            continue
+    return names.count("paws-sim work")
+
+
+@unittest.skipUnless(os.path.exists("/proc/self/task"), "threads are listed from /proc")
+class CtrlC(unittest.TestCase):
+    """Ctrl-C ends the wait of a call before its work ends."""
+
+    def setUp(self):
         # A shell starts background jobs with SIGINT ignored.
         before = signal.signal(signal.SIGINT, signal.default_int_handler)
         self.addCleanup(signal.signal, signal.SIGINT, before)
-        tries = []
-        for _ in range(4):
-            if whole < 4 * LIMIT_S:
-                self.skipTest(f"a call takes {1e3 * whole:.0f} ms, too short to be interrupted")
-            sent, late, is_answered = [], [], threading.Event()
 
-            def interrupt():
-                if is_answered.wait(0.2 * whole):
+    def interrupt(self, call, count):
+        """Ctrl-C in a call whose work is the `count`-th that has not ended."""
+        is_over = threading.Event()
+
+        def send():
+            while workers() < count:
+                if is_over.wait(0.001):
                     return
-                sent.append(time.perf_counter())
-                os.kill(os.getpid(), signal.SIGINT)
-                late.append(time.perf_counter() - sent[0])
-                # How late sleeps end that have nothing to do with the call.
-                while not is_answered.is_set():
-                    late.append(duration_s(lambda: time.sleep(0.01)) - 0.01)
+            os.kill(os.getpid(), signal.SIGINT)
 
-            thread = threading.Thread(target=interrupt)
-            took = None
-            begin = time.perf_counter()
-            thread.start()
+        thread = threading.Thread(target=send)
+        thread.start()
+        try:
+            with self.assertRaises(KeyboardInterrupt):
+                call()
+            self.assertEqual(workers(), count)
+        finally:
+            is_over.set()
+            thread.join()
+
+    def test_it_ends_the_opening_of_a_scene(self):
+        with tempfile.NamedTemporaryFile("w", suffix=".json") as file:
+            file.write("{}")
+            file.flush()
+            with self.assertRaisesRegex(paws_sim.SceneError, "scene file"):
+                paws_sim.open_scene(file.name)
+            # Who opens a file with a lease waits until it is given back.
+            before = signal.signal(signal.SIGIO, signal.SIG_IGN)
+            self.addCleanup(signal.signal, signal.SIGIO, before)
             try:
-                with self.assertRaises(KeyboardInterrupt):
-                    call()
-                    took = time.perf_counter() - begin
-                    # The call was over before the signal, which must not come after this block.
-                    time.sleep(60.0)
-            finally:
-                answer = time.perf_counter()
-                is_answered.set()
-                thread.join()
-            if took is not None:
-                whole = took
-                continue
-            limit = max(LIMIT_S, 0.25 * whole) + max(late)
-            tries.append((answer - sent[0], limit, whole))
-            if tries[-1][0] <= limit:
-                break
-        self.assertTrue(tries, "each call was over before the signal")
-        wait, limit, whole = (1e3 * value for value in tries[-1])
-        print(f"Ctrl-C answered after {wait:.0f} ms of {whole:.0f}, limit {limit:.0f}")
-        self.assertLessEqual(wait, limit)
+                fcntl.fcntl(file, fcntl.F_SETLEASE, fcntl.F_WRLCK)
+            except OSError as error:
+                self.skipTest(f"files in {tempfile.gettempdir()} have no leases: {error}")
+            self.interrupt(lambda: paws_sim.open_scene(file.name), 1)
+            fcntl.fcntl(file, fcntl.F_SETLEASE, fcntl.F_UNLCK)
 
-    def test_ctrl_c_ends_images(self):
-        cameras = paws_sim.Cameras(ROOM)
-        pose = ROOM.reference_poses(0)[0]
-        # More than is rendered between two looks, so that the wait is ended and not the work.
-        count = 64
-
-        def render():
-            cameras.render(np.tile(pose, (count, 1, 1)), 256, 256, quality="exact")
-
-        # The first call loads Gaussians and starts threads.
-        render()
-        # At most 1 GB of images.
-        while (whole := duration_s(render)) < 1.0 and count < 2048:
-            count *= 2
-        self.answers_ctrl_c(render, whole)
-        self.assertEqual(cameras.render(pose, 16, 16)["rgb"].shape, (1, 16, 16, 3))
-
-    def test_ctrl_c_ends_steps_and_resets(self):
-        # Few environments too: what counts is how long a step takes.
-        rays = {"observation": {"rays": 360, "scan_rows": 64, "scan_columns": 64}}
-        slow = {**SHORT, **rays, "end": {"time_limit_s": 1e4}}
-        n = 256
-        vector = paws_sim.make_vec(ROOM, n, config=slow, task="velocity")
+    def test_it_ends_images_steps_and_resets(self):
+        _core.set_threads(1)
+        self.addCleanup(_core.set_threads, 0)
+        cameras, pose = paws_sim.Cameras(ROOM), ROOM.reference_poses(0)[0]
+        vector, other = (paws_sim.make_vec(ROOM, 3, config=SHORT) for _ in range(2))
+        cameras.render(pose, 16, 16)
         vector.reset(seed=0)
-        took = duration_s(lambda: vector.step(np.zeros((n, 2))))
-        # Memory does not grow with the speed of the machine; a call may be too short then.
-        n = min(4096, int(n * max(1.0, 1.0 / took)))
-        vector = paws_sim.make_vec(ROOM, n, config=slow, task="velocity")
-        vector.reset(seed=0)
-        actions = np.zeros((n, 2))
-        calls = {"step": lambda: vector.step(actions), "reset": lambda: vector.reset(seed=1)}
-        for name, call in calls.items():
-            # This one also waits for what the last signal left in the background.
-            call()
-            with self.subTest(name):
-                self.answers_ctrl_c(call, duration_s(call))
+        actions = np.full((3, 2), 0.5)
+        # Seconds of work until its first look at the signal, and the others wait for its thread.
+        poses = np.tile(pose, (64, 1, 1))
+        render = lambda: cameras.render(poses, 384, 384, quality="exact")
+        for count, call in enumerate(
+            (render, lambda: vector.reset(seed=1), lambda: vector.step(actions)), 1
+        ):
+            self.interrupt(call, count)
         # What was interrupted is finished, and the next call has it.
-        few = paws_sim.make_vec(ROOM, 3, config=slow, task="velocity")
-        few.reset(seed=1)
-        np.testing.assert_array_equal(vector.step(actions)[0][:3], few.step(actions[:3])[0])
+        other.reset(seed=1)
+        other.step(actions)
+        np.testing.assert_array_equal(vector.step(actions)[0], other.step(actions)[0])
+        self.assertEqual(cameras.render(pose, 16, 16)["rgb"].shape, (1, 16, 16, 3))
 
 
 class Module(unittest.TestCase):

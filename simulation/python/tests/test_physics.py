@@ -264,6 +264,27 @@ class Scenes(unittest.TestCase):
         np.testing.assert_array_equal(scene.data[0].qpos, before)
         scene.restore(0, snapshot)
 
+    def test_a_snapshot_of_its_body_alone_leaves_a_walker_as_it_is(self):
+        scene = self.scene(box())
+        robots = object.__new__(go2.Go2Walkers)
+        robots.scene = scene
+        robots._actions, robots._commands, robots._torques = (
+            np.full((1, count), value) for count, value in ((12, 1.0), (3, 2.0), (12, 3.0))
+        )
+        self.fall(scene, 0)
+        wrong = [scene.save(0, more) for more in (b"", bytes(8 * 26), bytes(8 * 27 + 1))]
+        snapshot = robots.save(0)
+        scene.step(steps=10)
+        robots._commands[:] = 5.0
+        before = robots.save(0)
+        for other in wrong:
+            with self.assertRaisesRegex(mujoco_scene.SnapshotError, "expected 216"):
+                robots.restore(0, other)
+            self.assertEqual(robots.save(0), before)
+        robots.restore(0, snapshot)
+        self.assertEqual(robots.save(0), snapshot)
+        np.testing.assert_array_equal(robots._commands, 2.0)
+
     def test_wrong_input_moves_nothing(self):
         robot = box()
         robot.add_actuator(

@@ -89,6 +89,15 @@ fn environments_that_ended_stay_ended() {
 }
 
 #[test]
+fn restoring_an_environment_without_an_episode_makes_no_goals() {
+    let mut fresh = World::new(room(), config(1, Task::PointGoal)).unwrap();
+    let snapshot = fresh.save(0, &[]).unwrap();
+    fresh.restore(0, &snapshot).unwrap();
+    assert!(fresh.shared.goals.is_empty());
+    assert!(fresh.save(0, &[]).unwrap() == snapshot);
+}
+
+#[test]
 fn snapshots_of_others_are_refused_by_name() {
     let mut here = world(&room(), config(1, Task::Velocity));
     let before = bits(&here, 0);

@@ -6,6 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 REWARD_TERMS: list[str]
+# Time of a step without a setting, s.
+DT_S: float
 # Names of the reasons why episodes end, with their codes.
 END_REASONS: dict[str, int]
 __version__: str
@@ -97,7 +99,7 @@ class World:
     def observation_fields(self) -> list[tuple[str, int, int]]: ...
     def observation_bounds(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]: ...
     def reset(
-        self, mask: NDArray[np.bool_] | None = None, seeds: list[int] | None = None
+        self, mask: NDArray[np.bool_] | None = None, seeds: list[int | None] | None = None
     ) -> None: ...
     def step(
         self, actions: NDArray[np.float64], autoreset: Literal[0, 1, 2]
@@ -107,6 +109,7 @@ class World:
         NDArray[np.bool_],
         NDArray[np.bool_],
         _Numbers,
+        NDArray[np.bool_],
         tuple[NDArray[np.bool_], NDArray[np.float32], _Numbers] | None,
     ]: ...
     def observations(self) -> NDArray[np.float32]: ...
@@ -121,10 +124,10 @@ class World:
     def place(
         self,
         environment: int,
-        sector: int,
         position_m: list[float],
         angles_rad: list[float],
         velocity: list[float],
+        sector: int | None = None,
         level: int = 0,
     ) -> None: ...
     def play(self, environment: int, time_ns: int) -> bool: ...

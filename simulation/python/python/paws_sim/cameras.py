@@ -11,7 +11,8 @@ import numpy as np
 
 from . import _core
 
-_BUDGET_BYTES = 2 << 30
+#: Memory for Gaussians.
+BUDGET_BYTES = 2 << 30
 
 #: Width, height, fx, fy, cx, cy.
 Lens = tuple[int, int, float, float, float, float]
@@ -24,17 +25,17 @@ class Cameras:
     the first image, within `budget_bytes`.
     """
 
-    def __init__(self, scene, *, budget_bytes: int = _BUDGET_BYTES):
+    def __init__(self, scene, *, budget_bytes: int = BUDGET_BYTES):
         from .simulator import open_scene
 
-        self._arguments = (scene, budget_bytes)
+        self._budget_bytes = check_budget("budget_bytes", budget_bytes)
         self.scene = open_scene(scene)
         if not any(self.scene.gaussians):
             raise _core.SceneError(
                 f"scene {self.scene.name}: found no Gaussians, expected output splats, which "
                 "images are rendered from"
             )
-        self._core = _core.Cameras(self.scene, budget_bytes)
+        self._core = _core.Cameras(self.scene, self._budget_bytes)
 
     def render(
         self,
@@ -67,8 +68,8 @@ class Cameras:
         Other settings: `exposure` (`gain`, `white_balance`, `gamma`), `noise` (`full_well_e`,
         `readout_e`), `variation` (ranges `gain` and `focal_scale`, drawn for each seed and episode
         of `keys`), `shutter` (`line_s`, `exposure_s`, `blur_poses`), `quality` ("exact",
-        "detail"), `depth` ("median", "expected"), `far_m`, `max_bytes`. `mount` and `timing` are of
-        the cameras of environments alone.
+        "detail"), `depth` ("median", "expected"), `far_m`, `max_bytes`. `mount`, `timing` and
+        `budget_bytes` are of the cameras of environments alone.
 
         Returns `rgb` u8 (N, height, width, 3), `depth` f32 (N, height, width) along the optical
         axis, m, `far_m` where no surface is, and `has_depth`.
@@ -86,7 +87,9 @@ class Cameras:
         conditions = _conditions(n, velocity, rate, gain)
         K = camera.get("K")
         if K is None or np.ndim(K) != 3:
-            lens, options = resolved(self.scene, {"width": width, "height": height, **camera})
+            lens, options = lens_and_options(
+                self.scene, {"width": width, "height": height, **camera}
+            )
             return self.render_lens(poses, sectors, keys, conditions, lens, options)
         K = np.asarray(K, np.float64)
         if K.shape != (n, 3, 3):
@@ -99,7 +102,7 @@ class Cameras:
         for number, matrix in enumerate(matrices):
             own = np.flatnonzero(which.ravel() == number)
             whole = {"width": width, "height": height, **camera, "K": matrix}
-            lens, options = resolved(self.scene, whole)
+            lens, options = lens_and_options(self.scene, whole)
             of_own = None if conditions is None else conditions[own]
             found = self.render_lens(poses[own], sectors[own], keys[own], of_own, lens, options)
             for name, array in found.items():
@@ -110,8 +113,8 @@ class Cameras:
     def render_lens(
         self, poses, sectors, keys, conditions, lens: Lens, options: str
     ) -> dict[str, np.ndarray]:
-        """Images of a lens and options that `resolved` gave; `conditions` (N, 7) as the frames of
-        a world have them, or None."""
+        """Images of a lens and options of `lens_and_options`; `conditions` (N, 7) as the frames of a
+        world have them, or None."""
         if conditions is not None:
             conditions = np.ascontiguousarray(conditions)
         arrays = np.ascontiguousarray(poses), sectors
@@ -122,22 +125,33 @@ class Cameras:
         self._core.close()
 
     def __reduce__(self):
-        return _cameras, (self.scene, self._arguments[1])
+        return _cameras, (self.scene, self._budget_bytes)
 
 
 def _cameras(scene, budget_bytes: int) -> Cameras:
     return Cameras(scene, budget_bytes=budget_bytes)
 
 
-def resolved(scene: _core.Scene, camera: Mapping[str, Any]) -> tuple[Lens, str]:
+def check_budget(name: str, budget_bytes) -> int:
+    """Memory for Gaussians, bytes, or the error that names the setting."""
+    is_count = isinstance(budget_bytes, Integral) and not isinstance(budget_bytes, bool)
+    if not is_count or not 0 < budget_bytes < 2**64:
+        raise _core.SettingError(
+            f"{name}: found {budget_bytes!r}, expected a whole number of bytes above 0"
+        )
+    return int(budget_bytes)
+
+
+def lens_and_options(scene: _core.Scene, camera: Mapping[str, Any]) -> tuple[Lens, str]:
     """Lens of a camera's settings, and all others as JSON. Loads nothing and starts no threads; an
     error names the setting. `recorded` is a camera of the first sector, for images of all."""
     options = dict(camera)
-    for name in ("mount", "timing"):
+    for name in ("mount", "timing", "budget_bytes"):
         if name in options:
             raise _core.SettingError(
                 f"camera.{name}: found a setting that only cameras of environments have, expected "
-                "none: images of given poses are neither mounted nor late"
+                "none: images of given poses are neither mounted nor late, and `Cameras` has the "
+                "budget"
             )
     recorded, fov, K = (options.pop(name, None) for name in ("recorded", "fov", "K"))
     size = [options.pop(edge, None) for edge in ("width", "height")]
@@ -160,6 +174,20 @@ def resolved(scene: _core.Scene, camera: Mapping[str, Any]) -> tuple[Lens, str]:
     if isinstance(shutter, Mapping):
         options["shutter"] = {"line_s": lens["line_s"], **shutter}
     return (*lens["size"], *lens["intrinsics"]), _text(options)
+
+
+def film_camera(lens: Lens, options: str) -> tuple[Lens, str]:
+    """Lens and options of a camera for films: the shape of its images within 320x240 pixels, at
+    rest."""
+    width, height, fx, fy, cx, cy = lens
+    scale = min(320 / width, 240 / height)
+    wide, high = (max(1, round(scale * edge)) for edge in (width, height))
+    x, y = wide / width, high / height
+    # Pixel centers are at integers.
+    center = (x * (cx + 0.5) - 0.5, y * (cy + 0.5) - 0.5)
+    left_out = ("shutter", "max_bytes")
+    kept = {name: of for name, of in json.loads(options).items() if name not in left_out}
+    return (wide, high, x * fx, y * fy, *center), _text(kept)
 
 
 def mount(scene: _core.Scene, camera: Mapping[str, Any]) -> dict[str, Any] | None:
@@ -235,6 +263,10 @@ def intrinsics(width: int, height: int, fov, K) -> tuple[float, float, float, fl
         matrix = np.asarray(K, np.float64)
         if matrix.shape != (3, 3):
             raise _core.SettingError(f"camera.K: found shape {matrix.shape}, expected (3, 3)")
+        if matrix[0, 1] != 0.0 or matrix[1, 0] != 0.0 or matrix[2].tolist() != [0.0, 0.0, 1.0]:
+            raise _core.SettingError(
+                f"camera.K: found {matrix.tolist()}, expected [[fx, 0, cx], [0, fy, cy], [0, 0, 1]]"
+            )
         return (*(float(matrix[k, k]) for k in (0, 1)), float(matrix[0, 2]), float(matrix[1, 2]))
     try:
         angle = np.pi / 2 if fov is None else float(fov)

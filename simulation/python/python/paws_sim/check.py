@@ -7,12 +7,16 @@ environment equals a scalar one, not only with those of this package.
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Callable
 from typing import Any
 
 import gymnasium
 import numpy as np
 from gymnasium.vector import AutoresetMode, VectorEnv
+
+
+_RESULTS = ("observations", "rewards", "terminated", "truncated", "infos")
 
 
 class VectorEnvError(AssertionError):
@@ -81,14 +85,14 @@ def _compare(vector, scalars, mode, seed, steps) -> int:
     generator = np.random.default_rng(seed)
     vector.action_space.seed(seed)
     observations, infos = vector.reset(seed=seed)
-    single = [env.reset(seed=seed + index) for index, env in enumerate(scalars)]
-    for index, (observation, info) in enumerate(single):
+    for index, env in enumerate(scalars):
+        observation, info = env.reset(seed=seed + index)
         _equal(_row(observations, index), observation, f"observation {index} of the reset")
         _same_info(infos, info, index, "the reset")
-    ended, ends, before = np.zeros(n, np.bool_), 0, None
+    ended, ends, before = np.zeros(n, np.bool_), 0, []
     for number in range(steps):
         if mode == AutoresetMode.DISABLED and ended.any():
-            ended, single = _reset_by_mask(vector, scalars, ended, generator)
+            ended = _reset_by_mask(vector, scalars, ended, generator)
         actions = vector.action_space.sample()
         result = vector.step(actions)
         where = f"step {number}"
@@ -115,9 +119,9 @@ def _compare(vector, scalars, mode, seed, steps) -> int:
             _same_info(infos, info, index, what)
         ended = terminated | truncated
         ends += int(ended.sum())
-        if before is not None:
-            _equal(before[0], before[1], f"observations kept from before {where}: an alias")
-        before = (observations, _copy(observations))
+        for name, values, copied in before:
+            _equal(values, copied, f"{name} kept from before {where}: an alias")
+        before = [(name, values, copy.deepcopy(values)) for name, values in zip(_RESULTS, result)]
     return ends
 
 
@@ -127,13 +131,11 @@ def _reset_by_mask(vector, scalars, ended, generator):
     if generator.random() < 0.3:
         mask[generator.integers(len(mask))] = True
     observations, infos = vector.reset(options={"reset_mask": mask})
-    single = []
     for index in np.flatnonzero(mask):
         observation, info = scalars[index].reset()
         _equal(_row(observations, index), observation, f"observation {index} of a masked reset")
         _same_info(infos, info, index, "a masked reset")
-        single.append(observation)
-    return np.zeros_like(ended), single
+    return np.zeros_like(ended)
 
 
 def _check_result(vector, result, where) -> None:
@@ -176,7 +178,7 @@ def _check_final(infos, index, is_final, observation, info, what) -> None:
 
 def _check_seeds(vector, seed) -> None:
     first, _ = vector.reset(seed=seed)
-    first = _copy(first)
+    first = copy.deepcopy(first)
     again, _ = vector.reset(seed=[seed + index for index in range(vector.num_envs)])
     _equal(again, first, "a reset with a list of the same seeds")
     other, _ = vector.reset(seed=seed + 1000)
@@ -185,7 +187,7 @@ def _check_seeds(vector, seed) -> None:
 
 def _check_mask(vector, seed) -> None:
     before, _ = vector.reset(seed=seed)
-    before = _copy(before)
+    before = copy.deepcopy(before)
     mask = np.zeros(vector.num_envs, np.bool_)
     mask[-1] = True
     after, _ = vector.reset(options={"reset_mask": mask})
@@ -215,20 +217,16 @@ def _row(batch, index):
     return batch[index]
 
 
-def _copy(batch):
-    if isinstance(batch, dict):
-        return {name: _copy(values) for name, values in batch.items()}
-    if isinstance(batch, tuple):
-        return tuple(_copy(values) for values in batch)
-    return batch.copy()
-
-
 def _is_equal(a, b) -> bool:
+    if a is None or b is None:
+        return a is b
     if isinstance(a, dict):
         return a.keys() == b.keys() and all(_is_equal(a[name], b[name]) for name in a)
     if isinstance(a, tuple):
         return len(a) == len(b) and all(map(_is_equal, a, b))
     a, b = np.asarray(a), np.asarray(b)
+    if a.dtype == b.dtype == object and a.ndim > 0:
+        return len(a) == len(b) and all(map(_is_equal, a, b))
     return a.shape == b.shape and a.dtype == b.dtype and np.array_equal(a, b)
 
 

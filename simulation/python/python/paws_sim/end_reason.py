@@ -9,5 +9,6 @@ from . import _core
 
 EndReason = IntEnum("EndReason", _core.END_REASONS, module=__name__)
 EndReason.__doc__ = (
-    """Codes of `info["end_reason"]`: below 10 terminated, others truncated by default."""
+    """Codes of `info["end_reason"]`: 1 to 9 terminated, from 10 on truncated by default; 0 is no
+    end."""
 )

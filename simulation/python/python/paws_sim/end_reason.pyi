@@ -1,7 +1,8 @@
 from enum import IntEnum
 
 class EndReason(IntEnum):
-    """Codes of `info["end_reason"]`: below 10 terminated, others truncated by default."""
+    """Codes of `info["end_reason"]`: 1 to 9 terminated, from 10 on truncated by default; 0 is no
+    end."""
 
     NONE = 0
     GOAL = 1

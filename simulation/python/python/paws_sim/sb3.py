@@ -29,12 +29,12 @@ class VecEnv(_VecEnv):
         self.envs = WalkVectorEnv(
             scene, num_envs, autoreset_mode=AutoresetMode.SAME_STEP, **arguments
         )
-        self._actions: np.ndarray | None = None
         self._returns = np.zeros(num_envs)
-        self.metadata = dict(self.envs.metadata)
         super().__init__(
             num_envs, self.envs.single_observation_space, self.envs.single_action_space
         )
+        # The trainer's has its own modes of rendering.
+        self.metadata = {**self.envs.metadata, **self.metadata}
 
     def reset(self):
         """Observations of new episodes, with the seeds of `seed` if it was called."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import operator
 import os
 import time
 from collections.abc import Callable, Mapping
@@ -11,12 +12,27 @@ from typing import Any
 
 import numpy as np
 from gymnasium import spaces
+from gymnasium.vector import AutoresetMode
 
 from . import _core
-from .cameras import Cameras, mount, resolved, timing
+from .cameras import (
+    BUDGET_BYTES,
+    Cameras,
+    check_budget,
+    film_camera,
+    intrinsics,
+    lens_and_options,
+    mount,
+    timing,
+)
 
 TASKS = ("point-goal", "follow-path", "velocity")
 PARTS = ("state", "rgb", "depth")
+AUTORESET_CODES = {
+    AutoresetMode.NEXT_STEP: 0,
+    AutoresetMode.SAME_STEP: 1,
+    AutoresetMode.DISABLED: 2,
+}
 _DISCRETE = {
     # Stop, forward, turn left, turn right.
     "differential": [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [0.0, -1.0]],
@@ -68,15 +84,32 @@ def import_beogym(folder, out) -> _core.Scene:
     return open_scene(out)
 
 
-def merged(*parts: Mapping[str, Any]) -> dict[str, Any]:
+def whole_seed(seed) -> int:
+    """A seed of any type of whole numbers, or the error that names it."""
+    try:
+        whole = operator.index(seed)
+    except TypeError:
+        whole = -1
+    if not 0 <= whole < 2**64:
+        raise _core.SettingError(
+            f"seed: found {seed!r}, expected a whole number of 0 to 2^64 - 1, or None"
+        )
+    return whole
+
+
+def merge_settings(*parts: Mapping[str, Any]) -> dict[str, Any]:
     """Nested settings; later ones win."""
     whole: dict[str, Any] = {}
     for part in parts:
         for key, value in part.items():
             if isinstance(value, Mapping):
-                value = merged(whole.get(key, {}), value)
+                value = merge_settings(whole.get(key, {}), value)
             whole[key] = value
     return whole
+
+
+#: Lens and options of films where an environment has no camera.
+_FILM = (320, 240, *intrinsics(320, 240, None, None)), "{}"
 
 
 class Simulator:
@@ -103,12 +136,22 @@ class Simulator:
         self.scene = open_scene(scene)
         self.task = task
         self.environments = environments
-        settings = merged({"task": {"task": task}}, config or {})
-        settings["environments"] = environments
-        settings.setdefault("seed", 0)
+        config = dict(config or {})
+        for name, argument in (("seed", "reset(seed=...)"), ("environments", "num_envs")):
+            if name in config:
+                raise _core.SettingError(
+                    f"config.{name}: found {config[name]!r}, expected none: `{argument}` has it"
+                )
+        settings = merge_settings(
+            {"task": {"task": task}, "environments": environments, "seed": 0}, config
+        )
+        has_camera = bool(camera)
         camera = {"far_m": 20.0, **(camera or {})}
+        self._budget_bytes = check_budget(
+            "camera.budget_bytes", camera.pop("budget_bytes", BUDGET_BYTES)
+        )
         if "timing" in camera:
-            settings = merged(settings, {"timing": timing(camera.pop("timing"))})
+            settings = merge_settings(settings, {"timing": timing(camera.pop("timing"))})
         body_from_camera = mount(self.scene, camera)
         if body_from_camera is not None:
             if settings.get("body_from_camera") is not None:
@@ -118,12 +161,12 @@ class Simulator:
             settings["body_from_camera"] = body_from_camera
         self.far_m = camera["far_m"]
         camera.pop("mount", None)
-        self.lens, self.camera_options = resolved(self.scene, camera)
+        self.lens, self.camera_options = lens_and_options(self.scene, camera)
         _core.check_camera(self.lens, self.camera_options)
         if max_episode_steps is not None:
-            dt_s = settings.get("dt_s", 0.1)
+            dt_s = settings.get("dt_s", _core.DT_S)
             limit = {"end": {"time_limit_s": max_episode_steps * dt_s}}
-            settings = merged(settings, limit)
+            settings = merge_settings(settings, limit)
         try:
             text = json.dumps(settings)
         except TypeError as error:
@@ -135,7 +178,11 @@ class Simulator:
 
         self.parts = self._checked_parts(observation)
         # Without Gaussians images are refused here.
-        self.images = None if self.parts == ("state",) else Cameras(self.scene)
+        has_images = self.parts != ("state",)
+        self.images = self._cameras() if has_images else None
+        self._film = _FILM
+        if has_camera or has_images:
+            self._film = film_camera(self.lens, self.camera_options)
         self.observation_space = self._observation_space()
         self._table = self._action_table(actions)
         size = self.world.action_size
@@ -237,19 +284,23 @@ class Simulator:
         return {part: whole[part] for part in self.parts}
 
     def film(self) -> np.ndarray:
-        """What each agent sees, shape (n, 240, 320, 3)."""
+        """What each agent sees of now, shape (n, height, width, 3): through the camera of the
+        environment, or 90 degrees on 320x240 pixels where it has none."""
         poses, sectors = self.world.camera_poses()
         steps = self.world.numbers()["steps"].astype(np.uint64)
         keys = np.column_stack([self.world.random_keys(), steps])
-        return self._images().render(poses, 320, 240, sectors=sectors, keys=keys)["rgb"]
+        return self._images().render_lens(poses, sectors, keys, None, *self._film)["rgb"]
 
     def _images(self) -> Cameras:
         if self.images is None:
-            self.images = Cameras(self.scene)
+            self.images = self._cameras()
         return self.images
 
+    def _cameras(self) -> Cameras:
+        return Cameras(self.scene, budget_bytes=self._budget_bytes)
+
     def rewards(
-        self, rewards, actions, state, numbers, terminated, truncated, reset_before
+        self, rewards, actions, state, numbers, terminated, truncated, had_ended
     ) -> np.ndarray:
         """The built-in reward, or that of the user; 0 where a step only began an episode."""
         if self.reward is None:
@@ -271,10 +322,31 @@ class Simulator:
         if not np.isfinite(values).all():
             at = int((~np.isfinite(values)).argmax())
             raise ValueError(f"reward of environment {at}: found {values[at]}, expected finite")
-        return np.where(reset_before, 0.0, values)
+        return np.where(had_ended, 0.0, values)
+
+    def observation_fields(self) -> dict[str, slice]:
+        """Named parts of a state vector."""
+        fields = self.world.observation_fields()
+        return {name: slice(first, first + count) for name, first, count in fields}
+
+    def place(self, environment: int, position_m, angles_rad, velocity, sector, level) -> None:
+        """Puts an agent somewhere, without a sector in its own."""
+        parts = {"position_m": position_m, "angles_rad": angles_rad, "velocity": velocity}
+        triples = [_triple(name, values) for name, values in parts.items()]
+        self.world.place(environment, *triples, sector, level)
 
     def close(self) -> None:
         """Gives memory back."""
         self.world.close()
         if self.images is not None:
             self.images.close()
+
+
+def _triple(name: str, values) -> list[float]:
+    try:
+        array = np.asarray(values, np.float64)
+    except (TypeError, ValueError) as error:
+        raise _core.SettingError(f"{name}: {error}") from error
+    if array.shape != (3,):
+        raise _core.SettingError(f"{name}: found shape {array.shape}, expected (3,)")
+    return array.tolist()

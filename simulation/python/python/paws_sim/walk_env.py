@@ -7,11 +7,12 @@ from typing import Any
 
 import gymnasium
 import numpy as np
+from gymnasium.vector import AutoresetMode
 
 from . import _core
-from .simulator import Simulator
+from .simulator import AUTORESET_CODES, Simulator, whole_seed
 
-_DISABLED = 2
+_DISABLED = AUTORESET_CODES[AutoresetMode.DISABLED]
 
 
 class WalkEnv(gymnasium.Env):
@@ -97,6 +98,7 @@ class WalkEnv(gymnasium.Env):
 
     def reset(self, *, seed: int | None = None, options: Mapping[str, Any] | None = None):
         """Begins an episode. The same seed gives the same episodes; without one, the next."""
+        seed = None if seed is None else whole_seed(seed)
         super().reset(seed=seed)
         world = self._simulator.world
         options = dict(options or {})
@@ -108,7 +110,7 @@ class WalkEnv(gymnasium.Env):
         else:
             if seed is None and not self._has_seed:
                 seed = int(self.np_random.integers(2**32))
-            world.reset(None, None if seed is None else [int(seed)])
+            world.reset(None, [seed])
             self._has_seed = True
         state, numbers = world.observations(), world.numbers()
         return _first(self._simulator.observe(state)), _scalars(numbers)
@@ -117,11 +119,11 @@ class WalkEnv(gymnasium.Env):
         """Advances by `dt_s` seconds."""
         simulator = self._simulator
         commands = simulator.commands(np.asarray(action)[None])
-        state, rewards, terminated, truncated, numbers, _ = simulator.world.step(
+        state, rewards, terminated, truncated, numbers, had_ended, _ = simulator.world.step(
             commands, _DISABLED
         )
         rewards = simulator.rewards(
-            rewards, commands, state, numbers, terminated, truncated, False
+            rewards, commands, state, numbers, terminated, truncated, had_ended
         )
         return (
             _first(simulator.observe(state)),
@@ -132,7 +134,8 @@ class WalkEnv(gymnasium.Env):
         )
 
     def render(self) -> np.ndarray | None:
-        """What the agent sees, 320x240 pixels."""
+        """What the agent sees of now: through its camera with the shape of its images, within
+        320x240 pixels, or 90 degrees on 320x240 pixels without images and settings of a camera."""
         if self.render_mode is None:
             gymnasium.logger.warn("render() without render_mode; make the environment with one")
             return None
@@ -145,17 +148,47 @@ class WalkEnv(gymnasium.Env):
         return self._simulator.world.play(0, time_ns)
 
     def observe(self):
-        """The observation of now, after `play` or `restore`."""
+        """The observation of now, after `play`, `place` or `restore`."""
         return _first(self._simulator.observe(self._simulator.world.observations()))
 
-    def save(self) -> bytes:
-        """A snapshot of at most 4 KB."""
-        return self._simulator.world.save(0, b"")
+    @property
+    def observation_fields(self) -> dict[str, slice]:
+        """Named parts of the state vector, for `state[fields[name]]`."""
+        return self._simulator.observation_fields()
 
-    def restore(self, snapshot: bytes) -> None:
-        """Goes on from a snapshot, which may be of another process."""
-        self._simulator.world.restore(0, bytes(snapshot))
+    def states(self) -> dict[str, Any]:
+        """The agent: `sector`, `level`, `position_m`, `angles_rad` (yaw, pitch, roll), `velocity`
+        (forward, left, yaw rate), `is_on_ground`, and `goal_m`, NaN where there is no goal."""
+        return {name: values[0] for name, values in self._simulator.world.states().items()}
+
+    def camera_poses(self) -> tuple[np.ndarray, int]:
+        """The pose `world_from_camera` (4, 4) in the agent's sector, and the sector."""
+        poses, sectors = self._simulator.world.camera_poses()
+        return poses[0], int(sectors[0])
+
+    def place(
+        self,
+        position_m,
+        angles_rad=(0.0, 0.0, 0.0),
+        velocity=(0.0, 0.0, 0.0),
+        *,
+        sector: int | None = None,
+        level: int = 0,
+    ) -> None:
+        """Puts the agent somewhere, as physics outside does: parts of its state as `states` has
+        them, in a sector of the same recording. A state that is not finite ends the episode in the
+        next step as `PHYSICS_FAULT`. `observe` shows it."""
+        self._simulator.place(0, position_m, angles_rad, velocity, sector, level)
+
+    def save(self, attachment: bytes = b"") -> bytes:
+        """A snapshot of at most 4 KB, with an attachment such as the state of physics outside."""
+        return self._simulator.world.save(0, attachment)
+
+    def restore(self, snapshot: bytes) -> bytes:
+        """Goes on from a snapshot, which may be of another process, and returns its attachment."""
+        attachment = self._simulator.world.restore(0, bytes(snapshot))
         self._has_seed = True
+        return attachment
 
     def close(self) -> None:
         """Gives memory back; may be called twice."""
@@ -167,17 +200,20 @@ class WalkEnv(gymnasium.Env):
             for name, value in self.__dict__.items()
             if name not in ("_simulator", "observation_space", "action_space")
         }
-        kept["snapshot"] = self.save()
+        # Before the first reset there is nothing to go on from.
+        kept["snapshot"] = self.save() if self._has_seed else None
         kept["spaces"] = (self.observation_space, self.action_space)
         return kept
 
     def __setstate__(self, kept: dict[str, Any]) -> None:
         snapshot, spaces = kept.pop("snapshot"), kept.pop("spaces")
-        type(self).__init__(self, **kept["_arguments"])
+        # A subclass may have a constructor of its own, whose attributes are among those kept.
+        WalkEnv.__init__(self, **kept["_arguments"])
         self.__dict__.update(kept)
         # With the state of their random numbers.
         self.observation_space, self.action_space = spaces
-        self._simulator.world.restore(0, snapshot)
+        if snapshot is not None:
+            self._simulator.world.restore(0, snapshot)
 
 
 def _first(observation):

@@ -11,9 +11,7 @@ from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
 
 from . import _core
-from .simulator import Simulator
-
-_CODES = {AutoresetMode.NEXT_STEP: 0, AutoresetMode.SAME_STEP: 1, AutoresetMode.DISABLED: 2}
+from .simulator import AUTORESET_CODES, Simulator, whole_seed
 
 
 class WalkVectorEnv(gymnasium.vector.VectorEnv):
@@ -25,7 +23,7 @@ class WalkVectorEnv(gymnasium.vector.VectorEnv):
       end returns it; `info["final_obs"]` and `info["final_info"]` have the end) or `DISABLED`
       (`reset(options={"reset_mask": mask})`).
     - `copy`: without it the state vectors are one of two arrays that steps alternate between, valid
-      until the step after the next.
+      until the step after the next. `reset` and `observe` write into that of the last step.
 
     The others are those of `WalkEnv`. `info` has arrays of the numbers, and with each its mask.
     """
@@ -35,6 +33,8 @@ class WalkVectorEnv(gymnasium.vector.VectorEnv):
         "render_fps": 10,
         "autoreset_mode": AutoresetMode.NEXT_STEP,
     }
+    #: What was refused by its constructor has nothing to close.
+    closed = True
 
     def __init__(
         self,
@@ -100,8 +100,8 @@ class WalkVectorEnv(gymnasium.vector.VectorEnv):
         self.single_action_space = self._simulator.action_space
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
-        self._ended = np.zeros(num_envs, np.bool_)
-        self._has_seed = False
+        self._has_seed = np.zeros(num_envs, np.bool_)
+        self.closed = False
 
     @property
     def scene(self) -> _core.Scene:
@@ -120,8 +120,11 @@ class WalkVectorEnv(gymnasium.vector.VectorEnv):
         options: Mapping[str, Any] | None = None,
     ):
         """Begins episodes, in the environments of `options["reset_mask"]` or in all. A seed s gives
-        environment i the seed s + i; a list has one for each."""
-        super().reset(seed=seed if isinstance(seed, (int, np.integer)) else None)
+        environment i the seed s + i; a list has one for each. Without one, or with None in the
+        list, the next episode of its seed begins, and the first time a seed is drawn."""
+        is_list = isinstance(seed, (Sequence, np.ndarray))
+        seed = seed if seed is None or is_list else whole_seed(seed)
+        super().reset(seed=None if is_list else seed)
         options = dict(options or {})
         mask = options.pop("reset_mask", None)
         if options:
@@ -129,31 +132,28 @@ class WalkVectorEnv(gymnasium.vector.VectorEnv):
         if mask is not None:
             mask = self._checked_mask(mask)
         world = self._simulator.world
-        seeds = self._seeds(seed)
-        if seeds is not None and None in seeds:
-            chosen = np.array([one is not None for one in seeds])
-            inside = np.ones(self.num_envs, np.bool_) if mask is None else mask
-            if (inside & chosen).any():
-                world.reset(inside & chosen, [one or 0 for one in seeds])
-            if (inside & ~chosen).any():
-                world.reset(inside & ~chosen, None)
-        else:
-            world.reset(mask, seeds)
-        self._has_seed = True
-        self._ended[slice(None) if mask is None else mask] = False
+        world.reset(mask, self._seeds(seed, mask))
+        self._has_seed[slice(None) if mask is None else mask] = True
         state, numbers = world.observations(), world.numbers()
         return self._simulator.observe(state), self._info(numbers, mask)
 
-    def _seeds(self, seed) -> list[int | None] | None:
-        if seed is None and not self._has_seed:
-            seed = int(self.np_random.integers(2**32))
+    def _seeds(self, seed, mask: np.ndarray | None) -> list[int | None]:
+        """Seeds of all environments, None for the next episode of the seed that one has."""
+        n = self.num_envs
+        if isinstance(seed, int):
+            return [whole_seed(seed + k) for k in range(n)]
         if seed is None:
-            return None
-        if isinstance(seed, (int, np.integer)):
-            return [int(seed) + k for k in range(self.num_envs)]
-        if len(seed) != self.num_envs:
-            raise _core.SettingError(f"seed: found {len(seed)} seeds, expected {self.num_envs}")
-        return [None if one is None else int(one) for one in seed]
+            seed = [None] * n
+        if len(seed) != n:
+            raise _core.SettingError(f"seed: found {len(seed)} seeds, expected {n}")
+        seeds = [None if one is None else whole_seed(one) for one in seed]
+        is_new = ~self._has_seed if mask is None else mask & ~self._has_seed
+        missing = [k for k in np.flatnonzero(is_new) if seeds[k] is None]
+        if missing:
+            first = int(self.np_random.integers(2**32))
+            for k in missing:
+                seeds[k] = first + int(k)
+        return seeds
 
     def _checked_mask(self, mask) -> np.ndarray:
         if not isinstance(mask, np.ndarray):
@@ -172,16 +172,13 @@ class WalkVectorEnv(gymnasium.vector.VectorEnv):
         """Advances all environments by `dt_s` seconds."""
         simulator = self._simulator
         commands = simulator.commands(actions)
-        state, rewards, terminated, truncated, numbers, ended = simulator.world.step(
-            commands, _CODES[self.autoreset_mode]
+        state, rewards, terminated, truncated, numbers, had_ended, ended = simulator.world.step(
+            commands, AUTORESET_CODES[self.autoreset_mode]
         )
-        reset_before = self._ended
-        if self.autoreset_mode != AutoresetMode.SAME_STEP:
-            self._ended = terminated | truncated
         # A reward is of the episode that the action belonged to.
         before = (state, numbers) if ended is None else ended[1:]
         rewards = simulator.rewards(
-            rewards, commands, *before, terminated, truncated, reset_before
+            rewards, commands, *before, terminated, truncated, had_ended
         )
         info = self._info(numbers, None)
         if ended is not None:
@@ -212,15 +209,21 @@ class WalkVectorEnv(gymnasium.vector.VectorEnv):
         }
 
     def render(self) -> tuple[np.ndarray, ...] | None:
-        """What each agent sees, 320x240 pixels."""
+        """What each agent sees of now: through its camera with the shape of its images, within
+        320x240 pixels, or 90 degrees on 320x240 pixels without images and settings of a camera."""
         if self.render_mode is None:
             gymnasium.logger.warn("render() without render_mode; make the environment with one")
             return None
         return tuple(self._simulator.film())
 
+    @property
+    def observation_fields(self) -> dict[str, slice]:
+        """Named parts of a state vector, for `state[:, fields[name]]`."""
+        return self._simulator.observation_fields()
+
     def states(self) -> dict[str, np.ndarray]:
         """Agents: `sector`, `level`, `position_m`, `angles_rad` (yaw, pitch, roll), `velocity`
-        (forward, left, yaw rate), `is_on_ground`."""
+        (forward, left, yaw rate), `is_on_ground`, and `goal_m`, NaN where there is no goal."""
         return self._simulator.world.states()
 
     def camera_poses(self) -> tuple[np.ndarray, np.ndarray]:
@@ -234,19 +237,35 @@ class WalkVectorEnv(gymnasium.vector.VectorEnv):
         return self._simulator.world.play(environment, time_ns)
 
     def observe(self):
-        """Observations of now, after `play` or `restore`."""
+        """Observations of now, after `play`, `place` or `restore`."""
         return self._simulator.observe(self._simulator.world.observations())
 
-    def save(self, environment: int) -> bytes:
-        """A snapshot of an environment, at most 4 KB."""
-        return self._simulator.world.save(environment, b"")
+    def place(
+        self,
+        environment: int,
+        position_m,
+        angles_rad=(0.0, 0.0, 0.0),
+        velocity=(0.0, 0.0, 0.0),
+        *,
+        sector: int | None = None,
+        level: int = 0,
+    ) -> None:
+        """Puts an agent somewhere, as physics outside does: parts of its state as `states` has
+        them, in a sector of the same recording. A state that is not finite ends the episode in the
+        next step as `PHYSICS_FAULT`. `observe` shows it."""
+        self._simulator.place(environment, position_m, angles_rad, velocity, sector, level)
 
-    def restore(self, environment: int, snapshot: bytes) -> None:
-        """An environment goes on from a snapshot, which may be of another one."""
-        world = self._simulator.world
-        world.restore(environment, bytes(snapshot))
-        self._ended[environment] = world.has_ended()[environment]
-        self._has_seed = True
+    def save(self, environment: int, attachment: bytes = b"") -> bytes:
+        """A snapshot of an environment of at most 4 KB, with an attachment such as the state of
+        physics outside."""
+        return self._simulator.world.save(environment, attachment)
+
+    def restore(self, environment: int, snapshot: bytes) -> bytes:
+        """An environment goes on from a snapshot, which may be of another one; returns the
+        attachment."""
+        attachment = self._simulator.world.restore(environment, bytes(snapshot))
+        self._has_seed[environment] = True
+        return attachment
 
     def close_extras(self, **_kwargs: Any) -> None:
         """Gives memory back."""
@@ -261,14 +280,20 @@ class WalkVectorEnv(gymnasium.vector.VectorEnv):
             "action_space",
         )
         kept = {name: value for name, value in self.__dict__.items() if name not in left_out}
-        kept["snapshots"] = [self.save(index) for index in range(self.num_envs)]
+        # Before its first reset an environment has nothing to go on from.
+        kept["snapshots"] = [
+            self.save(index) if self._has_seed[index] else None for index in range(self.num_envs)
+        ]
+        kept["_has_seed"] = self._has_seed.copy()
         kept["spaces"] = {name: getattr(self, name) for name in left_out[1:]}
         return kept
 
     def __setstate__(self, kept: dict[str, Any]) -> None:
         snapshots, spaces = kept.pop("snapshots"), kept.pop("spaces")
-        type(self).__init__(self, **kept["_arguments"])
+        # A subclass may have a constructor of its own, whose attributes are among those kept.
+        WalkVectorEnv.__init__(self, **kept["_arguments"])
         self.__dict__.update(kept)
         self.__dict__.update(spaces)
         for index, snapshot in enumerate(snapshots):
-            self._simulator.world.restore(index, snapshot)
+            if snapshot is not None:
+                self._simulator.world.restore(index, snapshot)

@@ -53,6 +53,8 @@ pub(crate) fn states<'py>(py: Python<'py>, world: &World) -> PyResult<Bound<'py,
     )?;
     let velocities = states.iter().flat_map(|state| state.velocity).collect();
     all.set_item("velocity", triples(velocities)?)?;
+    let goals = (0..states.len()).flat_map(|index| world.goal_m(index).unwrap_or([f64::NAN; 3]));
+    all.set_item("goal_m", triples(goals.collect())?)?;
     all.set_item(
         "is_on_ground",
         column(py, states.iter().map(|state| state.is_on_ground)),

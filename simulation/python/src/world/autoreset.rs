@@ -34,9 +34,12 @@ pub(crate) struct Batch {
     pub(crate) world: World,
     pub(crate) step: Step,
     pub(crate) ended: Option<EpisodeEnds>,
-    has_ended: Vec<bool>,
+    /// Environments that had ended before the last step.
+    had_ended: Vec<bool>,
     /// Whether there was a reset; the world refuses steps before it.
     has_begun: bool,
+    /// Whether environments moved in a step that then failed, so that nobody has its results.
+    is_incomplete: bool,
 }
 
 /// Results of the last step.
@@ -70,8 +73,9 @@ impl Batch {
                 truncated: vec![false; count],
             },
             ended: None,
-            has_ended: vec![false; count],
+            had_ended: vec![false; count],
             has_begun: false,
+            is_incomplete: false,
         }
     }
 
@@ -79,30 +83,46 @@ impl Batch {
     pub(crate) fn reset(
         &mut self,
         mask: Option<&[bool]>,
-        seeds: Option<&[u64]>,
+        seeds: Option<&[Option<u64>]>,
     ) -> Result<(), SimulationError> {
         self.world.reset(mask, seeds)?;
         self.has_begun = true;
+        self.is_incomplete &= mask.is_some_and(|mask| mask.contains(&false));
         Ok(())
+    }
+
+    /// Environments that had ended before the last step, which ignored their actions.
+    pub(crate) fn had_ended(&self) -> &[bool] {
+        &self.had_ended
     }
 
     pub(crate) fn observation_len(&self) -> usize {
         self.world.observation_bounds().0.len()
     }
 
-    /// Advances all environments. If an autoreset finds no start, the environments have moved and
-    /// those that ended wait; the next step tries their reset again.
+    /// Advances all environments.
+    ///
+    /// If an autoreset finds no start, the environments have moved and those that ended wait. The
+    /// results of that step are lost and a second try would draw the same start, so that steps are
+    /// refused until all environments are reset.
     pub(crate) fn step(
         &mut self,
         actions: &[f64],
         autoreset: Autoreset,
     ) -> Result<(), SimulationError> {
+        if self.is_incomplete {
+            return Err(SimulationError::State(
+                "the last step found no start for an environment that ended, and its results are \
+                 lost: reset all environments, with other seeds"
+                    .to_owned(),
+            ));
+        }
         self.ended = None;
-        for (index, has_ended) in self.has_ended.iter_mut().enumerate() {
-            *has_ended = self.world.has_ended(index);
+        for (index, had_ended) in self.had_ended.iter_mut().enumerate() {
+            *had_ended = self.world.has_ended(index);
         }
         let first_ended = match self.has_begun {
-            true => self.has_ended.iter().position(|ended| *ended),
+            true => self.had_ended.iter().position(|ended| *ended),
             false => None,
         };
         if let (Autoreset::Disabled, Some(index)) = (autoreset, first_ended) {
@@ -115,24 +135,34 @@ impl Batch {
         self.step.reward_terms.copy_from_slice(&result.reward_terms);
         self.step.terminated.copy_from_slice(&result.terminated);
         self.step.truncated.copy_from_slice(&result.truncated);
-        match autoreset {
-            Autoreset::Disabled => Ok(()),
-            Autoreset::NextStep => match first_ended {
-                None => Ok(()),
-                Some(_) => self.world.reset(Some(&self.has_ended), None),
-            },
+        let reset = match autoreset {
+            Autoreset::NextStep if first_ended.is_some() => {
+                self.world.reset(Some(&self.had_ended), None)
+            }
             Autoreset::SameStep => self.reset_in_same_step(),
-        }
+            Autoreset::NextStep | Autoreset::Disabled => Ok(()),
+        };
+        self.is_incomplete = reset.is_err();
+        reset
     }
 
+    /// Begins episodes where one ended in this step, whose results are kept, or before it: a
+    /// snapshot of an end was restored.
     fn reset_in_same_step(&mut self) -> Result<(), SimulationError> {
-        let mask: Vec<bool> = (0..self.world.environments())
+        let has_ended: Vec<bool> = (0..self.world.environments())
             .map(|index| self.world.has_ended(index))
             .collect();
-        if !mask.contains(&true) {
+        if !has_ended.contains(&true) {
             return Ok(());
         }
-        let ended = EpisodeEnds {
+        let Step {
+            terminated,
+            truncated,
+            ..
+        } = &self.step;
+        let flags = terminated.iter().zip(truncated);
+        let mask: Vec<bool> = flags.map(|(end, cut)| *end || *cut).collect();
+        let ended = mask.contains(&true).then(|| EpisodeEnds {
             observations: self.world.observations().to_vec(),
             result: self.world.result().clone(),
             frames: (0..mask.len())
@@ -140,14 +170,14 @@ impl Batch {
                 .map(|index| self.world.frame_request(index))
                 .collect(),
             mask,
-        };
-        self.world.reset(Some(&ended.mask), None)?;
-        self.ended = Some(ended);
+        });
+        self.world.reset(Some(&has_ended), None)?;
+        self.ended = ended;
         Ok(())
     }
 
     /// An environment was restored: it has no reward and no flag.
-    pub(crate) fn restored(&mut self, environment: usize) {
+    pub(crate) fn mark_restored(&mut self, environment: usize) {
         self.has_begun = true;
         self.step.rewards[environment] = 0.0;
         self.step.reward_terms[environment] = [0.0; REWARD_TERMS.len()];

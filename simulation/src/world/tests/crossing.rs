@@ -32,7 +32,7 @@ fn world(scene: &Arc<SceneData>, agent: AgentConfig, drive: Drive) -> World {
 fn put(world: &mut World, state: &AgentState) {
     // Starts are in any sector; agents are placed within one recording.
     for seed in 0.. {
-        world.reset(None, Some(&[seed])).unwrap();
+        world.reset(None, Some(&[Some(seed)])).unwrap();
         if world.world_from_camera(0).0 == 0 {
             break;
         }

@@ -195,7 +195,7 @@ fn failed_resets_change_nothing() {
     let [mut world, mut twin] = worlds;
     let before: Vec<_> = (0..4).map(|i| bits(&world, i)).collect();
     assert!(world.reset(Some(&[true; 3]), None).is_err());
-    assert!(world.reset(None, Some(&[1; 5])).is_err());
+    assert!(world.reset(None, Some(&[Some(1); 5])).is_err());
     let after: Vec<_> = (0..4).map(|i| bits(&world, i)).collect();
     assert!(before == after);
     // Nor what comes after: draws of the next episode, and the steps in it.
@@ -211,7 +211,8 @@ fn seeds_repeat_their_episodes() {
     let mut world = World::new(room(), config(2, Task::PointGoal)).unwrap();
     let mut run = |seeds: Option<&[u64]>| {
         let mut seen = Vec::new();
-        world.reset(None, seeds).unwrap();
+        let seeds = seeds.map(|seeds| seeds.iter().copied().map(Some).collect::<Vec<_>>());
+        world.reset(None, seeds.as_deref()).unwrap();
         seen.push((bits(&world, 0), bits(&world, 1)));
         world.reset(None, None).unwrap();
         seen.push((bits(&world, 0), bits(&world, 1)));
@@ -223,6 +224,21 @@ fn seeds_repeat_their_episodes() {
     assert!(run(Some(&[8, 9])) == first);
     assert!(run(Some(&[9, 8]))[0].0 == first[0].1);
     assert!(run(None)[0] != first[0]);
+}
+
+#[test]
+fn environments_without_a_seed_go_on_beside_those_with_one() {
+    let mut worlds = [0, 1].map(|_| World::new(room(), config(2, Task::PointGoal)).unwrap());
+    for world in &mut worlds {
+        world.reset(None, None).unwrap();
+    }
+    let [mut world, mut without] = worlds;
+    world.reset(None, Some(&[Some(8), None])).unwrap();
+    without.reset(None, None).unwrap();
+    assert_eq!(world.random_key(0), (8, 0));
+    assert_eq!(world.random_key(1), without.random_key(1));
+    assert!(bits(&world, 1) == bits(&without, 1));
+    assert!(bits(&world, 0) != bits(&without, 0));
 }
 
 #[test]

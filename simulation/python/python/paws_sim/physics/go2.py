@@ -229,9 +229,9 @@ class Go2Walkers:
         lag = self.dynamics.torque_lag_s
         share = model.opt.timestep / (lag + model.opt.timestep)
         for _ in range(self.steps):
-            wanted = kp * (targets - data.qpos[self._positions])
-            wanted -= kd * data.qvel[self._velocities]
-            torques += share * (np.clip(wanted, -self._max_torque, self._max_torque) - torques)
+            torque = kp * (targets - data.qpos[self._positions])
+            torque -= kd * data.qvel[self._velocities]
+            torques += share * (np.clip(torque, -self._max_torque, self._max_torque) - torques)
             data.ctrl[self._actuators] = torques
             mujoco.mj_step(model, data)
 
@@ -263,7 +263,8 @@ class Go2Walkers:
 
     def restore(self, environment: int, snapshot: bytes) -> None:
         """Continues from a snapshot. Raises SnapshotError; the robot is unchanged then."""
-        own = np.frombuffer(self.scene.restore(environment, snapshot))
-        self._actions[environment] = own[:12]
-        self._commands[environment] = own[12:15]
-        self._torques[environment] = own[15:]
+        parts = (self._actions, self._commands, self._torques)
+        counts = [part.shape[1] for part in parts]
+        own = np.frombuffer(self.scene.restore(environment, snapshot, 8 * sum(counts)))
+        for part, values in zip(parts, np.split(own, np.cumsum(counts)[:-1]), strict=True):
+            part[environment] = values

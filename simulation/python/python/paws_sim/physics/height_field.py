@@ -1,4 +1,4 @@
-"""Heights on a grid as MuJoCo's files have them, their tiles and their upper envelope."""
+"""Heights on a grid as MuJoCo's files have them, their tiles and a coarser grid of them."""
 
 from __future__ import annotations
 

@@ -26,7 +26,7 @@ from pathlib import Path
 
 import numpy as np
 
-from . import BackendMissing
+from . import BackendMissing, SnapshotError
 from .height_field import HeightField, read_height_field
 
 try:
@@ -50,10 +50,6 @@ _MIN_RANGE_M = 1e-4
 
 _MAGIC = b"PAWSMJ01"
 _HEAD = struct.Struct("<8s16s16sI")
-
-
-class SnapshotError(ValueError):
-    """A snapshot of another model or version, or a damaged one."""
 
 
 def scene_spec(
@@ -267,9 +263,11 @@ class MujocoScene:
         digest = hashlib.blake2b(self._hash + body, digest_size=16).digest()
         return _HEAD.pack(_MAGIC, self._hash, digest, len(state)) + body
 
-    def restore(self, environment: int, snapshot: bytes) -> bytes:
+    def restore(
+        self, environment: int, snapshot: bytes, more_bytes: int | None = None
+    ) -> bytes:
         """Continues from a snapshot, of any environment of a scene with the same model, and gives
-        back `more`.
+        back `more`, of `more_bytes` bytes where that is given.
 
         Raises SnapshotError; the state is unchanged then.
         """
@@ -284,6 +282,11 @@ class MujocoScene:
         expected = hashlib.blake2b(model + body, digest_size=16).digest()
         if count != size or len(body) < 8 * size or digest != expected:
             raise SnapshotError("found a damaged snapshot")
+        found_bytes = len(body) - 8 * size
+        if more_bytes is not None and found_bytes != more_bytes:
+            raise SnapshotError(
+                f"found {found_bytes} bytes of a controller's state, expected {more_bytes}"
+            )
         data = self.data[environment]
         mujoco.mj_resetData(self.model, data)
         mujoco.mj_setState(self.model, data, np.frombuffer(body, count=size), signature)
