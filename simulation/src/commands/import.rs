@@ -45,7 +45,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<ExitCode> {
         arguments.out.display()
     ))?;
     if !arguments.folder.join("sequence.json").is_file() {
-        print("scale: 1, since transformation.txt states none; lengths are metric where it was")?;
+        print("lengths are those of transformation.txt: metric only where it has the scale")?;
     }
     let is_whole = scene.missing().is_empty();
     Ok(ExitCode::from(if is_whole { 0 } else { 3 }))

@@ -18,7 +18,7 @@ fn a_folder_of_beogym_becomes_a_scene_that_the_verbs_open() {
         text.starts_with("2 sectors, 2 edges, 4 Gaussians: "),
         "{text}"
     );
-    assert!(text.contains("scale: 1, since"), "{text}");
+    assert!(text.contains("only where it has the scale"), "{text}");
     // Every bundle is whole.
     for name in ["000.scene", "001.scene"] {
         let bundle = scene_bundle::Scene::open(&to.join(name)).expect("a bundle");
