@@ -37,6 +37,12 @@ impl Findings {
         self.report(|report| report.losses.push(sentence.into()));
     }
 
+    /// The losses so far.
+    pub fn losses(&self) -> Vec<String> {
+        let report = self.report.lock().unwrap_or_else(PoisonError::into_inner);
+        report.losses.clone()
+    }
+
     fn report(&self, change: impl FnOnce(&mut Report)) {
         change(&mut self.report.lock().unwrap_or_else(PoisonError::into_inner));
     }
@@ -86,6 +92,19 @@ impl<'a, S: ?Sized> Work<'a, S> {
             "{output} is not an input of this stage"
         );
         self.scene.output(output)
+    }
+
+    /// An output of this stage as an earlier run left it; `None` without one, and where it cannot
+    /// be read.
+    ///
+    /// # Panics
+    /// If the table does not name it as an output of this stage.
+    pub fn earlier(&self, output: &str) -> Option<OutputReader> {
+        assert!(
+            self.outputs.contains(&output),
+            "{output} is not an output of this stage"
+        );
+        self.scene.output(output).ok()
     }
 
     /// The draft of an output of this stage.

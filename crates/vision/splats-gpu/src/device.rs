@@ -23,7 +23,7 @@ pub enum Adapters {
 ///
 /// match Gpu::open(Adapters::SoftwareToo) {
 ///     Ok(gpu) => assert!(!gpu.name().is_empty()),
-///     Err(error) => println!("skipped: {error}"),
+///     Err(error) => eprintln!("skipped: {error}"),
 /// }
 /// ```
 #[derive(Clone, Debug)]

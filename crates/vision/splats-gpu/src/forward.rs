@@ -138,21 +138,19 @@ impl GpuRenderer {
         self.stats
     }
 
-    /// Whether all pairs of an image fitted; makes room if not.
+    /// Whether all pairs of the images since the last call fitted; makes room if not.
     pub(crate) fn fits(&mut self, of: &[u32]) -> Result<bool, GpuError> {
-        let pairs = of[status::ALL_PAIRS] as usize;
         self.stats = RenderStats {
             visible: of[status::VISIBLE] as usize,
             degenerate: of[status::DEGENERATE] as usize,
-            pairs,
+            pairs: of[status::ALL_PAIRS] as usize,
         };
         if of[status::OVERFLOW] == 0 {
             return Ok(true);
         }
-        self.reserve_pairs(pairs + pairs / 2)?;
-        self.frame
-            .status
-            .write(&self.gpu, status::OVERFLOW, &[0_u32]);
+        let most = of[status::MOST_PAIRS] as usize;
+        self.reserve_pairs(most + most / 2)?;
+        self.frame.clear_flags(&self.gpu);
         Ok(false)
     }
 

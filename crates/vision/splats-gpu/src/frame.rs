@@ -29,12 +29,14 @@ pub(crate) mod status {
     pub(crate) const ALL_PAIRS: usize = 4;
     /// Number of values that each image begins with.
     pub(crate) const OF_IMAGE: usize = 5;
-    /// Set by pairs that did not fit.
+    /// Set by pairs that did not fit. It and what follows lasts until the processor clears it.
     pub(crate) const OVERFLOW: usize = 5;
     /// Set by a gradient that is not finite.
     pub(crate) const NOT_FINITE: usize = 6;
     /// The step from which on nothing changes.
     pub(crate) const HALTED_AT: usize = 8;
+    /// Most pairs that an image had: the last one may need fewer than the one that did not fit.
+    pub(crate) const MOST_PAIRS: usize = 9;
     pub(crate) const LEN: usize = 16;
 }
 
@@ -107,6 +109,12 @@ impl Frame {
             self.rays_of = Some(*model);
         }
         Ok(())
+    }
+
+    /// Forgets what lasts from image to image.
+    pub(crate) fn clear_flags(&self, gpu: &Gpu) {
+        let flags = [0_u32; status::LEN - status::OVERFLOW];
+        self.status.write(gpu, status::OVERFLOW, &flags);
     }
 
     /// Gaussians, nearest first.

@@ -28,7 +28,7 @@
 //! let gpu = match Gpu::open(Adapters::SoftwareToo) {
 //!     Ok(gpu) => gpu,
 //!     Err(error) => {
-//!         println!("skipped: {error}");
+//!         eprintln!("skipped: {error}");
 //!         return Ok(());
 //!     }
 //! };

@@ -100,11 +100,7 @@ impl GpuTrainer {
         self.renderer.config = *run.renderer().config();
         let scene = GpuScene::new(&gpu, &before.scene)?;
         let moments = Moments::new(&gpu, before, run.corrections())?;
-        let flags = [0_u32; status::LEN - status::OVERFLOW];
-        self.renderer
-            .frame
-            .status
-            .write(&gpu, status::OVERFLOW, &flags);
+        self.renderer.frame.clear_flags(&gpu);
         let mut next = run.steps.start;
         loop {
             let mut last = None;
@@ -126,23 +122,21 @@ impl GpuTrainer {
             submit(&gpu, "results of a training", encoder)?;
             let found = download.read(&gpu)?;
             let of = &found[0];
+            let halted_at = of[status::HALTED_AT] as usize;
+            // First: gradients of pairs that did not fit are incomplete.
+            if !self.renderer.fits(of)? {
+                // The steps from that one on changed nothing.
+                next = halted_at;
+                continue;
+            }
             if of[status::NOT_FINITE] != 0 {
-                let step = of[status::HALTED_AT] as usize;
-                let reason = "a gradient is not a finite number".to_owned();
+                let (step, reason) = (halted_at, "a gradient is not a finite number".to_owned());
                 return Err(SplatError::Diverged { step, reason }.into());
             }
-            if self.renderer.fits(of)? {
-                if let Some(work) = last {
-                    self.losses = Losses::new(&floats(&found[1]), work.count);
-                }
-                return Ok(Moments::state(before, &found[2..])?);
+            if let Some(work) = last {
+                self.losses = Losses::new(&floats(&found[1]), work.count);
             }
-            // The steps from that one on changed nothing.
-            next = of[status::HALTED_AT] as usize;
-            self.renderer
-                .frame
-                .status
-                .write(&gpu, status::OVERFLOW, &flags);
+            return Ok(Moments::state(before, &found[2..])?);
         }
     }
 

@@ -5,8 +5,8 @@ mod common;
 use camera_models::Distortion;
 use common::{camera, exposure, gpu, random_splats, shutter, sky};
 use splats::{
-    Background, Exposure, RenderConfig, Renderer, Scene, SplatError, TrainConfig, Trainer,
-    TrainingView,
+    Background, Exposure, Plane, RenderConfig, Renderer, Scene, SplatError, Splats, TrainConfig,
+    Trainer, TrainingView,
 };
 use splats_gpu::{Gpu, GpuTrainer};
 
@@ -206,4 +206,40 @@ fn settings_that_need_the_processor_are_refused() {
         error,
         "the setting poses.refine is 1, expected 0 on a device"
     );
+}
+
+/// A view that needs more pairs than there is room for, followed by one that needs few: room is
+/// made for the first.
+#[test]
+fn room_is_made_for_the_image_with_most_pairs() {
+    let Some(gpu) = gpu() else {
+        return;
+    };
+    let splats = random_splats(32, 1000, 1);
+    let planes = splats.planes().iter().enumerate().map(|(k, plane)| {
+        // Twenty times as large, so that each is in many tiles of a large image.
+        let is_scale = (Plane::SCALE..Plane::SCALE + 3).contains(&k);
+        let larger = if is_scale { 3.0 } else { 0.0 };
+        plane.iter().map(|value| value + larger).collect()
+    });
+    let scene = Scene {
+        splats: Splats::from_planes(splats.degree(), planes.collect()).unwrap(),
+        background: Background::Constant([0.4, 0.2, 0.3]),
+    };
+    let views = [(512, 384), (64, 48)].into_iter().zip(0..);
+    let views = views.map(|(size, number)| {
+        let camera = camera(size, Distortion::None);
+        let rgb = vec![100; 3 * camera.pixels()];
+        TrainingView::new(camera, rgb, number)
+    });
+    let views: Vec<TrainingView> = views.collect();
+    let mut config = config(400);
+    config.quarter_until = 0.0;
+    config.full_from = 0.0;
+    let mut trainer = Trainer::new(scene, views, config, RenderConfig::default(), 5).unwrap();
+    // Of runs of one step more each, some end with the small image.
+    for steps in 2..6 {
+        run(&mut trainer, &gpu, steps);
+    }
+    assert_eq!(trainer.steps(), 2 + 3 + 4 + 5);
 }

@@ -88,7 +88,7 @@ impl Stage<Input> for SplatsStage {
     }
 
     fn version(&self) -> u32 {
-        4
+        5
     }
 
     fn inputs(&self) -> &'static [&'static str] {
@@ -153,6 +153,7 @@ impl Stage<Input> for SplatsStage {
         note_images(work, &trained);
         let kept = output_sectors(walk.cells(), &trained);
         if kept.is_empty() {
+            refuse_to_replace(work)?;
             return Ok(product::write_empty(work.draft(SPLATS), names, &config)?);
         }
         let parts: Vec<&Part> = kept.iter().map(|of| of.part).collect();
@@ -187,6 +188,24 @@ impl Stage<Input> for SplatsStage {
         for file in files {
             // One that cannot be removed is discarded by the next training.
             let _ = std::fs::remove_file(file.path());
+        }
+    }
+}
+
+/// A scene of an earlier run is not replaced by one without Gaussians.
+fn refuse_to_replace(work: &Work<'_, Input>) -> Result<(), StageError> {
+    let earlier = work.earlier(SPLATS);
+    let earlier = earlier.and_then(|reader| outputs::splats::read(&reader).ok());
+    match earlier.map_or(0, |scene| scene.count()) {
+        0 => Ok(()),
+        count => {
+            let losses = work.findings().losses();
+            Err(format!(
+                "no scene of Gaussians can be trained ({}), and the one of before, of {count} \
+                 Gaussians, is kept",
+                losses.join("; ")
+            )
+            .into())
         }
     }
 }

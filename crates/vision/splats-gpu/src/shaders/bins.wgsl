@@ -104,11 +104,12 @@ fn list_pairs(@builtin(global_invocation_id) id: vec3<u32>) {
             pair++;
         }
     }
-    // Pairs that there are, and that fit.
+    // Pairs that there are, that fit, and the most of all images. One thread writes them.
     if (rank == view.counts.x - 1u) {
         let pairs = first_pair[view.counts.x];
         status[4] = pairs;
         status[0] = min(pairs, view.counts.z);
+        status[9] = max(status[9], pairs);
         if (pairs > view.counts.z) {
             status[5] = 1u;
         }

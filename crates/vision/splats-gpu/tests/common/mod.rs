@@ -18,7 +18,7 @@ pub fn gpu() -> Option<Gpu> {
                 std::env::var_os("PAWS_GPU_REQUIRED").is_none(),
                 "PAWS_GPU_REQUIRED is set, but {error}"
             );
-            println!("skipped: {error}");
+            eprintln!("skipped: {error}");
             None
         }
     }

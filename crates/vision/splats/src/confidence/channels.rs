@@ -110,11 +110,12 @@ impl Coverage {
         let mut out = CoverageImage {
             width: pass.image.width,
             height: pass.image.height,
-            uncovered: plane(),
+            // Where no ray says otherwise: nothing is known there.
+            uncovered: pass.image.alpha.iter().map(|alpha| 1.0 - alpha).collect(),
             angle_rad: plane(),
             few: plane(),
             magnification: plane(),
-            space: plane(),
+            space: vec![1.0; pixels],
             spread: plane(),
             squared_error: plane(),
             depth_error: plane(),

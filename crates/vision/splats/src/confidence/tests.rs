@@ -181,6 +181,28 @@ fn confidence_falls_with_the_distance_from_what_was_seen() {
 }
 
 #[test]
+fn pixels_without_a_ray_were_not_seen() {
+    let (renderer, scene) = (renderer(), walls());
+    let coverage = coverage(&renderer, &scene);
+    // Wider than half of a sphere: corners look backward.
+    let none = Distortion::KannalaBrandt4 {
+        k1: 0.0,
+        k2: 0.0,
+        k3: 0.0,
+        k4: 0.0,
+    };
+    let model = CameraModel::new((96, 64), [20.0, 20.0, 47.5, 31.5], none);
+    // Upward: no wall there.
+    let up = RigidTransform::from_rotation_vector([1.57, 0.0, 0.0], [0.0; 3]).unwrap();
+    let fisheye = crate::Camera::new(model, up).unwrap();
+    let image = coverage.render(&renderer, &scene, &fisheye).unwrap();
+    let corner = 0;
+    assert!(image.alpha[corner] == 0.0);
+    assert_eq!((image.uncovered[corner], image.space[corner]), (1.0, 1.0));
+    assert!(image.confidence(&config()).pixels[corner] < 0.2);
+}
+
+#[test]
 fn a_closer_look_is_a_magnification() {
     let (renderer, scene) = (renderer(), walls());
     let coverage = coverage(&renderer, &scene);

@@ -1,7 +1,5 @@
 //! Comparison of a scene with held-out views.
 
-use rayon::prelude::*;
-
 use super::config::LossConfig;
 use super::loss::loss;
 use super::view::TrainingView;
@@ -32,32 +30,33 @@ impl Evaluation {
         self.ssim.iter().sum::<f64>() / self.ssim.len() as f64
     }
 
-    /// Lowest PSNR, dB.
+    /// Lowest PSNR, dB; infinite without views.
     pub fn worst_psnr_db(&self) -> f64 {
         self.psnr_db.iter().copied().fold(f64::INFINITY, f64::min)
     }
 
     /// Renders all views with their given poses and exposures.
+    ///
+    /// # Panics
+    /// If the buffers of a view do not fit its image.
     pub fn new(renderer: &Renderer, scene: &Scene, views: &[TrainingView]) -> Self {
         let config = LossConfig::default();
-        let all: Vec<(f64, f64, Vec<f32>)> = views
-            .par_iter()
-            .map(|view| {
-                let image = renderer.render(scene, &view.camera, &view.exposure);
-                let ssim = loss(&image, view, &config, 0.0, renderer.level()).ssim;
-                (psnr_db(&image, view), ssim, depth_errors(&image, view))
-            })
-            .collect();
-        let errors = all.iter().flat_map(|(.., errors)| errors);
-        let mut errors: Vec<f32> = errors.copied().collect();
+        let (mut psnr, mut ssim, mut errors) = (Vec::new(), Vec::new(), Vec::new());
+        // One after the other: the renderer uses all threads, and memory holds one image.
+        for view in views {
+            let image = renderer.render(scene, &view.camera, &view.exposure);
+            ssim.push(loss(&image, view, &config, 0.0, renderer.level()).ssim);
+            psnr.push(psnr_db(&image, view));
+            errors.extend(depth_errors(&image, view));
+        }
         let middle = errors.len() / 2;
         let depth_error = match errors.is_empty() {
             true => f64::NAN,
             false => f64::from(*errors.select_nth_unstable_by(middle, f32::total_cmp).1),
         };
         Self {
-            psnr_db: all.iter().map(|(psnr, ..)| *psnr).collect(),
-            ssim: all.iter().map(|(_, ssim, _)| *ssim).collect(),
+            psnr_db: psnr,
+            ssim,
             depth_error,
         }
     }
@@ -82,10 +81,9 @@ pub fn psnr_db(image: &Image, view: &TrainingView) -> f64 {
     10.0 * libm::log10(255.0 * 255.0 / mean.max(0.1))
 }
 
-fn depth_errors(image: &Image, view: &TrainingView) -> Vec<f32> {
+fn depth_errors(image: &Image, view: &TrainingView) -> impl Iterator<Item = f32> {
     let usable = |pixel: usize| view.mask.get(pixel).copied().unwrap_or(true);
     let both = image.median_depth_m.iter().zip(&view.depth_m).enumerate();
-    both.filter(|(pixel, (z, d))| usable(*pixel) && z.is_finite() && **d > 0.0)
+    both.filter(move |(pixel, (z, d))| usable(*pixel) && z.is_finite() && **d > 0.0)
         .map(|(_, (z, d))| (z - d).abs() / d)
-        .collect()
 }

@@ -108,11 +108,12 @@ impl Trainer {
     /// Prepares a training. Harmonics of the scene above degree 0 are kept if the configuration has
     /// them.
     ///
-    /// # Errors [`SplatError::Views`] if there are no views or one has no usable pixel,
+    /// # Errors
+    /// [`SplatError::Views`] if there are no views or one has no usable pixel,
     /// [`SplatError::Size`] if a buffer does not fit its image, [`SplatError::Setting`].
     pub fn new(
         scene: Scene,
-        views: Vec<TrainingView>,
+        mut views: Vec<TrainingView>,
         config: TrainConfig,
         render: RenderConfig,
         seed: u64,
@@ -126,19 +127,14 @@ impl Trainer {
             if view.valid_pixels() == 0 {
                 return reason(format!("view {index} has no usable pixel"));
             }
-            if view.exposure_group as usize >= 16 * views.len() {
-                let group = view.exposure_group;
-                return reason(format!(
-                    "view {index} is in exposure group {group} of {} views",
-                    views.len()
-                ));
-            }
         }
-        let groups = views
-            .iter()
-            .map(|view| view.exposure_group)
-            .max()
-            .unwrap_or(0);
+        let mut groups: Vec<u32> = views.iter().map(|view| view.exposure_group).collect();
+        groups.sort_unstable();
+        groups.dedup();
+        for view in &mut views {
+            view.exposure_group =
+                groups.partition_point(|group| *group < view.exposure_group) as u32;
+        }
         let Scene { splats, background } = scene;
         let degree = splats.degree().min(config.degree);
         let splats = splats.with_degree(degree)?;
@@ -152,7 +148,7 @@ impl Trainer {
             growth: Growth::new(splats.len(), seed),
             scene: Scene { splats, background },
             radius_m: radius_m(&views),
-            exposures: Exposures::new(groups as usize + 1),
+            exposures: Exposures::new(groups.len()),
             poses: Poses::new(views.len()),
             views: Arc::new(views),
             config,
