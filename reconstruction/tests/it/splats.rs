@@ -123,8 +123,11 @@ fn with(output: &str, write: &dyn Fn(&Draft, &Scene)) -> (tempfile::TempDir, Pat
     (folder, path)
 }
 
-/// The stage ends with a loss, and an output without Gaussians.
+/// The stage keeps a scene of before. Without one it ends with a loss, and an output without
+/// Gaussians.
 fn loses(path: &Path, expected: &str) {
+    keeps_the_scene(path, expected);
+    remove_splats(path);
     let output = run(path, &[]);
     let errors = errors(&output);
     assert_eq!(output.status.code(), Some(3), "{errors}");
@@ -134,6 +137,24 @@ fn loses(path: &Path, expected: &str) {
     assert_eq!(splats::read(&reader).expect("a record").count(), 0);
     let losses = report_of(&scene, outputs::SPLATS).expect("a report").losses;
     assert_eq!(losses.len(), 1, "{losses:?}");
+}
+
+/// The stage fails with an error that names what is wrong, and the scene of before is whole.
+fn keeps_the_scene(path: &Path, expected: &str) {
+    let output = run(path, &[]);
+    let errors = errors(&output);
+    assert_eq!(output.status.code(), Some(1), "{errors}");
+    assert!(errors.contains(expected), "{errors}");
+    assert!(errors.contains("is kept"), "{errors}");
+    let scene = Scene::open(path).expect("a bundle");
+    let reader = scene.output(outputs::SPLATS).expect("an output");
+    assert!(splats::read(&reader).expect("a record").count() > 0);
+}
+
+fn remove_splats(path: &Path) {
+    let scene = Scene::open(path).expect("a bundle");
+    let reader = scene.output(outputs::SPLATS).expect("an output");
+    std::fs::remove_dir_all(path.join(reader.folder())).expect("removed");
 }
 
 #[test]
@@ -152,6 +173,7 @@ fn few_images_are_a_loss_and_none_are_nothing_to_do() {
         "6 of 6 images can be used to train a scene of Gaussians, expected at least 20",
     );
     let (_folder, path) = of(0);
+    remove_splats(&path);
     let output = run(&path, &[]);
     let errors = errors(&output);
     assert_eq!(output.status.code(), Some(0), "{errors}");
