@@ -21,7 +21,7 @@ ANGLES = {"π": math.pi, "π/2": math.pi / 2, "π/6": math.pi / 6}
 SCENE = "synthetic:room"
 CAMERAS = SETTINGS.index("\n## Cameras\n")
 # Settings that only cameras of environments have, beside `timing`.
-OF_ENVIRONMENTS = ("mount",)
+OF_ENVIRONMENTS = ("mount", "budget_bytes")
 # What a setting of a camera needs beside it to have an effect.
 BESIDE = {
     "noise.readout_e": {"noise": {"full_well_e": 500.0}},
@@ -105,13 +105,14 @@ class Pages(unittest.TestCase):
                 continue
             beside = BESIDE.get(name, {})
             plain = cameras.render(pose, **motion, **beside)
-            with_default = simulator.merged(beside, nested(name, default(text)))
+            with_default = simulator.merge_settings(beside, nested(name, default(text)))
             images = cameras.render(pose, **motion, **with_default)
             for key, values in plain.items():
                 np.testing.assert_array_equal(images[key], values, f"{name}: {key}")
         env = paws_sim.make(SCENE, observation="depth")
         far_m = env.observation_space["depth"].high.max()
         self.assertEqual(far_m, default(page["far_m"]))
+        self.assertEqual(simulator.BUDGET_BYTES, default(page["budget_bytes"]))
         # Color, depth and mask.
         count = default(page["max_bytes"]) // (64 * 64 * (3 + 4 + 1)) + 1
         with self.assertRaisesRegex(paws_sim.BudgetError, page["max_bytes"]):
