@@ -15,7 +15,6 @@ import time
 import paws_sim
 import torch
 from paws_sim.sb3 import VecEnv
-from paws_sim.simulator import merged
 from point_goal import CONFIG, evaluate, random_actions, summary
 from stable_baselines3 import PPO
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
@@ -26,9 +25,7 @@ from train_point_goal import Curve
 CAMERA = {"width": 48, "height": 36, "far_m": 5.0}
 PARTS = ("rgb", "depth", "state")
 IMAGES = {"observation": PARTS, "camera": CAMERA}
-WITHOUT_SCAN = merged(
-    CONFIG, {"observation": {"rays": 0, "scan_columns": 0, "scan_rows": 0}}
-)
+WITHOUT_SCAN = {**CONFIG, "observation": {"rays": 0, "scan_columns": 0, "scan_rows": 0}}
 
 
 class ImageAndState(BaseFeaturesExtractor):
@@ -45,18 +42,21 @@ class ImageAndState(BaseFeaturesExtractor):
             size = self.layers(torch.zeros(1, 4, CAMERA["height"], CAMERA["width"])).shape[1]
         self.last = nn.Sequential(nn.Linear(size, features), nn.ReLU())
 
-    def forward(self, observations):
+    def image(self, observations):
         # Stable-Baselines3 puts the channels of `rgb` first and scales it to 0 to 1; `depth` comes
         # as the environment has it: metres, channel last.
         depth = observations["depth"].permute(0, 3, 1, 2) / CAMERA["far_m"]
-        image = torch.cat([observations["rgb"], depth], dim=1)
-        return torch.cat([self.last(self.layers(image)), observations["state"]], dim=1)
+        return torch.cat([observations["rgb"], depth], dim=1)
+
+    def forward(self, observations):
+        image = self.last(self.layers(self.image(observations)))
+        return torch.cat([image, observations["state"]], dim=1)
 
 
-def train(scene, steps: int = 100_000, seed: int = 0):
+def train(scene, config=WITHOUT_SCAN, steps=100_000, seed=0, network=ImageAndState):
     """A trained policy and its learning curve."""
     torch.set_num_threads(1)
-    envs = VecEnv(scene, 16, config=WITHOUT_SCAN, **IMAGES)
+    envs = VecEnv(scene, 16, config=config, **IMAGES)
     model = PPO(
         "MultiInputPolicy",
         envs,
@@ -68,7 +68,7 @@ def train(scene, steps: int = 100_000, seed: int = 0):
         gae_lambda=0.95,
         ent_coef=0.0,
         policy_kwargs={
-            "features_extractor_class": ImageAndState,
+            "features_extractor_class": network,
             "net_arch": [64, 64],
             "log_std_init": -0.5,
         },

@@ -137,7 +137,7 @@ class Scalar(unittest.TestCase):
         env = paws_sim.make(ROOM, observation="rgb", **arguments)
         env.reset(seed=0)
         image = env.render()
-        # The corner of the first pixel stays where it is.
+        # The corner of the first pixel is the same.
         x, y = 320 / 48, 213 / 32
         film = np.diag([x, y, 1.0]) @ K
         film[:2, 2] += [0.5 * x - 0.5, 0.5 * y - 0.5]

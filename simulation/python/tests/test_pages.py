@@ -1,6 +1,8 @@
 """The tables of docs/reference are those of the code: settings with their defaults, rewards,
 numbers of `info`, codes, actions."""
 
+import ast
+import importlib
 import math
 import re
 import unittest
@@ -65,6 +67,24 @@ def nested(name, value):
     for part in reversed(name.split(".")):
         value = {part: value}
     return value
+
+
+class Examples(unittest.TestCase):
+    def test_examples_import_what_the_package_has(self):
+        folder = Path(__file__).parents[1] / "examples"
+        for path in sorted(folder.glob("*.py")):
+            for node in ast.walk(ast.parse(path.read_text())):
+                if not isinstance(node, ast.ImportFrom) or not node.module.startswith("paws_sim"):
+                    continue
+                try:
+                    module = importlib.import_module(node.module)
+                except paws_sim.BackendMissing:
+                    # Of the adapters only the name: their trainers are not here.
+                    self.assertTrue({name.name for name in node.names} <= {"VecEnv"})
+                    continue
+                for name in node.names:
+                    self.assertTrue(hasattr(module, name.name), f"{path.name}: {name.name}")
+        self.assertTrue(any(folder.glob("*.py")))
 
 
 class Pages(unittest.TestCase):

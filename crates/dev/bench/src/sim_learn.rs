@@ -24,11 +24,11 @@ mod summary;
 use crate::{arguments, python, report, stamp};
 
 const PARTS: [&str; 4] = ["speed", "state", "images", "trainers"];
-const EXAMPLE: &str = "simulation/python/examples/train_point_goal.py";
+const EXAMPLES: &str = "simulation/python/examples";
 const DEMO: &str = "target/demo/walk.scene";
 /// Goals of the exam; a quick run only shows that everything works.
 const GOALS: usize = 200;
-const QUICK_GOALS: usize = 10;
+const QUICK_GOALS: usize = 50;
 const QUICK_STEPS: usize = 4096;
 /// Steps of a training at most.
 const STATE_STEPS: usize = 200_000;
@@ -98,7 +98,7 @@ fn question(part: &str, scenes: &Value, quick: bool) -> Result<Value> {
         _ => TRAINER_STEPS,
     };
     Ok(json!({
-        "example": root()?.join(EXAMPLE),
+        "examples": root()?.join(EXAMPLES),
         "scenes": scenes,
         "seed": 0,
         "steps": steps,

@@ -7,10 +7,10 @@ import common
 
 
 def state(scene, question):
-    example = common.load(question["example"])
-    config = common.config(example)
+    example = common.load(question["examples"], "train_point_goal")
+    config = common.config(example.CONFIG)
     goals = {"episodes": question["goals"], "goal_seed": common.GOAL_SEED}
-    random = example.evaluate(scene, config, common.uniform(), **goals)
+    random = example.evaluate(scene, config, example.random_actions(), **goals)
     curves, times = [], []
     for _ in range(2):
         wall, cpu = time.perf_counter(), time.process_time()
