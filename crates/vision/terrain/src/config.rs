@@ -224,6 +224,11 @@ config! {
         pub max_roughness_m: f64 = 0.05,
         /// Ground samples that differ from depth by more sigmas win over it.
         pub max_sample_sigmas: f64 = 3.0,
+        /// Share of the samples of a contact with known heights that agree with them, from which
+        /// on the others that are higher hang over.
+        pub min_agreeing_share: f64 = 0.2,
+        /// Minimum height of what hangs over, beside two sigmas, m: the sag of a sole.
+        pub min_overhang_m: f64 = 0.015,
         /// Maximum sigma of a height that is certain, m: a foot that finds ground 3 cm lower than
         /// expected, three sigmas, stumbles.
         pub max_certain_sigma_m: f64 = 0.01,

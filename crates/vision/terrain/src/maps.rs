@@ -39,12 +39,6 @@ pub struct GroundSample {
     pub contact: usize,
 }
 
-/// Share of the samples of a contact with known heights that agree with them, from which on the
-/// others that are higher hang over.
-const MIN_AGREEING_SHARE: f64 = 0.2;
-/// Least height of what hangs over, m: the sag of a sole, and two standard deviations.
-const MIN_OVERHANG_M: f64 = 0.015;
-
 /// Cells of free border around a level.
 const BORDER: i32 = 2;
 /// Distance of a ground sample from the floor that it is on, m: tall grass, water.
@@ -174,7 +168,7 @@ fn overhangs(level: &Level, ground: &[GroundSample], config: &MapConfig) -> Vec<
             let sigma_m = sample.sigma_m.hypot(f64::from(level.sigma[index]));
             if above_m.abs() <= config.max_sample_sigmas * sigma_m {
                 Fit::Agrees
-            } else if (MIN_OVERHANG_M + 2.0 * sigma_m..=MAX_SAMPLE_M).contains(&above_m) {
+            } else if (config.min_overhang_m + 2.0 * sigma_m..=MAX_SAMPLE_M).contains(&above_m) {
                 Fit::Above
             } else {
                 Fit::Unknown
@@ -191,7 +185,7 @@ fn overhangs(level: &Level, ground: &[GroundSample], config: &MapConfig) -> Vec<
     let hangs = |(sample, fit): (&GroundSample, &Fit)| {
         let [agrees, above] = counts[&sample.contact];
         let share = agrees as f64 / (agrees + above).max(1) as f64;
-        *fit == Fit::Above && share >= MIN_AGREEING_SHARE
+        *fit == Fit::Above && share >= config.min_agreeing_share
     };
     ground.iter().zip(&fits).map(hangs).collect()
 }
