@@ -263,7 +263,11 @@ impl CameraCounts {
             let [right, down] = apart.map(|own| 1e3 * own);
             let places = format!(
                 "at the distance that their size says, the right eye of camera {camera} places \
-                 tags {right:.2} mm to the right of and {down:.2} mm below where the left one does"
+                 tags {:.2} mm to the {} of and {:.2} mm {} where the left one does",
+                right.abs(),
+                if right < 0.0 { "left" } else { "right" },
+                down.abs(),
+                if down < 0.0 { "above" } else { "below" },
             );
             match apart.iter().any(|own| own.abs() > MAX_BETWEEN_M) {
                 true => work.record_loss(format!(

@@ -78,12 +78,13 @@ pub(super) fn correct_placement(
                 .tilt_rad
                 .map(|own| own.map_or(0.0, |own| own.value.to_degrees()));
             work.note(format!(
-                "{}: by the ground below its contacts the sole was {:.1} ± {:.1} mm too high and \
+                "{}: by the ground below its contacts the sole was {:.1} ± {:.1} mm too {} and \
                  tilted by {:.1} and {:.1} degrees; its tag's placement is corrected by that as far \
                  as its tolerance allows",
                 foot.as_str(),
-                1e3 * height.value,
+                1e3 * height.value.abs(),
                 1e3 * height.sigma,
+                high_or_low(height.value),
                 tilt[0],
                 tilt[1]
             ));
@@ -123,16 +124,23 @@ fn slip_message(foot: Foot, slip: &Slip) -> String {
     )
 }
 
+/// The side of a height error, for messages that state its size without its sign.
+const fn high_or_low(height_m: f64) -> &'static str {
+    if height_m < 0.0 { "low" } else { "high" }
+}
+
 fn placement_message(foot: Foot, error: &PlacementError) -> String {
-    let height = error.height_m.map_or(0.0, |own| 1e3 * own.value);
+    let height_m = error.height_m.map_or(0.0, |own| own.value);
     let tilt = error
         .tilt_rad
         .map(|own| own.map_or(0.0, |own| own.value.to_degrees()));
     format!(
-        "{}: by the ground below its contacts the sole is {height:.1} mm too high and tilted by \
-         {:.1} and {:.1} degrees, which is more than the tolerance of its tag: check size_m, \
+        "{}: by the ground below its contacts the sole is {:.1} mm too {} and tilted by {:.1} \
+         and {:.1} degrees, which is more than the tolerance of its tag: check size_m, \
          translation_m and rotation_wxyz of [[shoe_tag]] in the rig file; not corrected",
         foot.as_str(),
+        1e3 * height_m.abs(),
+        high_or_low(height_m),
         tilt[0],
         tilt[1]
     )
