@@ -5,7 +5,7 @@
 //! scene is made in memory, in a second at most.
 
 pub mod beogym;
-mod bundle;
+pub(crate) mod bundle;
 mod depth;
 pub(crate) mod levels;
 mod surfaces;

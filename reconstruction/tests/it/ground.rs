@@ -66,6 +66,21 @@ fn footsteps_and_the_ground_below_them_are_near_ground_truth() {
     assert!(ground.footsteps >= 3, "{ground:?}");
     assert!(ground.height_m.expect("ground").median < 0.02, "{ground:?}");
 
+    // On level ground whole soles bear.
+    let patches = outputs::contacts::read_patches(&output("contacts"), contacts.len());
+    let patches = patches.expect("patches");
+    let whole = patches.iter().filter(|patch| patch.area_share > 0.95);
+    assert!(10 * whole.count() >= 9 * contacts.len(), "{patches:?}");
+    let shown = patches.iter().filter(|patch| patch.ground_share > 0.5);
+    assert!(shown.count() > 0, "{patches:?}");
+    for (contact, patch) in contacts.iter().zip(&patches) {
+        let foot_from_world = contact.world_from_foot.inverse();
+        for corner in &patch.outline_m {
+            let [x, y, z] = foot_from_world.apply(*corner);
+            assert!(x.hypot(y) < 0.2 && z.abs() < 1e-9, "{corner:?}");
+        }
+    }
+
     // Keyframes show where a foot will stand.
     let views = outputs::contacts::read_views(&output("contacts"), contacts.len());
     let views = views.expect("views");

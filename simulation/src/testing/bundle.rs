@@ -4,6 +4,7 @@ use std::path::Path;
 
 use ::splats::Coverage;
 use cad_transforms::RigidTransform;
+use scene_bundle::outputs::contacts::{ContactPatch, FootContact};
 use scene_bundle::outputs::rig::{RigCamera, RigModel};
 use scene_bundle::outputs::splats::{
     SplatBackground, SplatContent, SplatCoverage, SplatCoverageContent, SplatObservation,
@@ -159,9 +160,23 @@ fn write(
         output(outputs::TRAJECTORY, &|draft| trajectory::write(draft, walk))?;
     }
     output(outputs::CONTACTS, &|draft| {
-        contacts::write(draft, &sector.recording.contacts, &[])
+        let own = &sector.recording.contacts;
+        let patches: Vec<ContactPatch> = own.iter().map(patch).collect();
+        contacts::write(draft, own, &patches, &[])
     })?;
     bundle.finish(2)
+}
+
+/// A rectangle of 28x10 cm, all of which bears.
+pub(crate) fn patch(contact: &FootContact) -> ContactPatch {
+    let corners = [[-0.14, -0.05], [0.14, -0.05], [0.14, 0.05], [-0.14, 0.05]];
+    let corner = |[x, y]: [f64; 2]| contact.world_from_foot.apply([x, y, 0.0]);
+    ContactPatch {
+        outline_m: corners.map(corner).to_vec(),
+        area_share: 1.0,
+        ground_share: 1.0,
+        gap_m: Some(0.0),
+    }
 }
 
 fn rig_model(sector: &Sector) -> Option<RigModel> {

@@ -27,6 +27,7 @@ pub(crate) mod keyframes;
 mod kitchen;
 mod open3d;
 pub(crate) mod parts;
+mod patches;
 pub(crate) mod scores;
 pub(crate) mod surface;
 pub(crate) mod truth;
@@ -136,7 +137,7 @@ fn scored(walk: Walk) -> Result<Vec<Value>> {
                 "refinement_cpu_ms": surface.costs.refinement_cpu_ms,
                 "end_s": surface.costs.end_s,
                 "mbytes": 1e-6 * surface.costs.stats.bytes as f64,
-                "scores": scores::scores(&surface, truth),
+                "scores": scores::scores(&surface, truth)?,
                 "parts": parts,
             }))
         },

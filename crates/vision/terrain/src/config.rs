@@ -206,6 +206,16 @@ config! {
         pub head_room_m: f64 = 1.9,
         /// Minimum area of a level without ground samples, m2.
         pub min_level_m2: f64 = 0.25,
+        /// A level is divided if its grid has more cells than this and less than a share of them
+        /// has ground: 40x40 m.
+        pub max_level_cells: usize = 1_000_000,
+        /// See `max_level_cells`.
+        pub min_level_share: f64 = 0.25,
+        /// Maximum number of cells along a side of a level: 1 km. Files allow 65 535.
+        pub max_level_side: usize = 25_000,
+        /// Overlap of its parts, m: what is nearer to the end of a part than the radius of an agent
+        /// is within another one.
+        pub level_overlap_m: f64 = 4.0,
         /// Maximum width of a hole that is filled, m: the shade of a shoe.
         pub max_hole_m: f64 = 0.10,
         /// Maximum distance of its rim from a plane, m.
@@ -232,6 +242,17 @@ config! {
         /// Maximum sigma of a height that is certain, m: a foot that finds ground 3 cm lower than
         /// expected, three sigmas, stumbles.
         pub max_certain_sigma_m: f64 = 0.01,
+    }
+
+    /// Constants of [`contact_patch`](crate::patch::contact_patch).
+    pub struct PatchConfig {
+        /// Distance between points of a sole that are compared with the ground, m.
+        pub spacing_m: f64 = 0.005,
+        /// Height above the ground up to which a sole bears, beside `sigmas`, m: its sag and that
+        /// of soft ground.
+        pub max_gap_m: f64 = 0.015,
+        /// Standard deviations of the height of sole and ground.
+        pub sigmas: f64 = 2.0,
     }
 
     /// Constants of [`simplify`](crate::simplify::simplify).

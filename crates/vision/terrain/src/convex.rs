@@ -15,7 +15,6 @@ use crate::maps::Level;
 use crate::planes::Planes;
 
 mod faces;
-mod hull;
 mod layer;
 mod layer_heights;
 #[cfg(feature = "obstacles")]

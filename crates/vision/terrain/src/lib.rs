@@ -3,7 +3,7 @@
 //! [`fusion`] makes a truncated signed distance field (TSDF) of depth images, [`mesh`] its surface.
 //! [`planes`] finds planes in the mesh and refits them to the depths themselves; [`edges`] are
 //! where they meet or end, and the heights of steps. [`maps`] are grids of each walkable level, for
-//! foothold planning. [`simplify`] removes triangles that feet do not need, [`convex`] makes parts
+//! foothold planning. [`patch`] is the part of a sole that bears. [`simplify`] removes triangles that feet do not need, [`convex`] makes parts
 //! for physics. [`evaluate`] compares results with ground truth.
 //!
 //! A camera that looks down at a step of 20 cm from 1.2 m above it:
@@ -62,16 +62,18 @@ mod error;
 pub mod evaluate;
 pub mod fusion;
 pub mod ground;
+mod hull;
 mod instructions;
 pub mod maps;
 pub mod mesh;
+pub mod patch;
 pub mod planes;
 pub mod simplify;
 mod view;
 
 pub use config::{
-    ConvexConfig, EdgeConfig, FusionConfig, MapConfig, MeshConfig, ObstacleConfig, PlaneConfig,
-    RampConfig, SimplifyConfig,
+    ConvexConfig, EdgeConfig, FusionConfig, MapConfig, MeshConfig, ObstacleConfig, PatchConfig,
+    PlaneConfig, RampConfig, SimplifyConfig,
 };
 pub use error::TerrainError;
 pub use view::{DepthView, PixelClass, RowMotion};

@@ -17,16 +17,20 @@ use ::feet::swing_habit::SwingHabit;
 use ::feet::track::{self, FootContacts, GroundHeights, foot_poses};
 use ::feet::{ClockConfig, FootConfig, GaitConfig, JumpConfig, PlacementConfig, SlideConfig};
 use cad_transforms::rig::Foot;
-use scene_bundle::outputs::contacts::{ContactEvent, ContactView, FootContact};
+use scene_bundle::outputs::contacts::{ContactEvent, ContactPatch, ContactView, FootContact};
 use scene_bundle::outputs::feet::{FootPose, FootStatus};
 use scene_bundle::outputs::rig::RigModel;
 use scene_bundle::outputs::tag_detections::TagDetection;
-use scene_bundle::outputs::terrain::{MeshDetail, TerrainMesh};
+use scene_bundle::outputs::terrain::{MeshDetail, Terrain, TerrainMesh};
 use scene_bundle::outputs::{
     self, CONTACTS, DEPTH, FEET, KEYFRAMES, RIG_REFINED, TAG_DETECTIONS, TERRAIN, TRAJECTORY,
 };
 use scene_bundle::{Pose, Status, Trajectory};
 use serde_json::{Value, json};
+use terrain::edges::without_ramps;
+use terrain::ground::Ground;
+use terrain::patch::contact_patch;
+use terrain::{PatchConfig, RampConfig};
 
 use self::contact_views::{ContactViewConfig, Keyframes, contact_views};
 use self::gait::{FootTracks, Gait, candidates};
@@ -36,6 +40,7 @@ use self::placement::correct_placement;
 use self::reports::{report, report_restless, report_slides, report_sole, report_unseen};
 use super::depth_frames::{DepthFrame, instants};
 use super::soles::{edges, outline};
+use super::terrain::surface::of_files;
 use crate::input::Input;
 use crate::pipeline::{Findings, Stage, StageError, Work};
 
@@ -56,7 +61,7 @@ impl Stage<Input> for FeetStage {
     }
 
     fn version(&self) -> u32 {
-        6
+        7
     }
 
     fn inputs(&self) -> &'static [&'static str] {
@@ -83,6 +88,8 @@ impl Stage<Input> for FeetStage {
             "slide": SlideConfig::default(),
             "placement": PlacementConfig::default(),
             "ground_below": GroundBelowConfig::default(),
+            "patch": PatchConfig::default(),
+            "ramps": RampConfig::default(),
             "contact_views": ContactViewConfig::default(),
         })
     }
@@ -101,8 +108,9 @@ impl Stage<Input> for FeetStage {
         }
         rows.sort_by_key(|row| (row.events[0].time_ns, row.foot));
         outputs::feet::write(work.draft(FEET), &feet.poses, &feet.causal)?;
+        let patches = patches(&rig, &rows, &terrain, ground);
         let views = views(work, &rig, &trajectory, &rows)?;
-        outputs::contacts::write(work.draft(CONTACTS), &rows, &views)?;
+        outputs::contacts::write(work.draft(CONTACTS), &rows, &patches, &views)?;
         Ok(())
     }
 }
@@ -216,6 +224,33 @@ pub fn feet(
         poses,
         causal,
     }
+}
+
+/// The parts of soles that bear, on the ground of depth without the ramps below steps.
+fn patches(
+    rig: &RigModel,
+    contacts: &[FootContact],
+    terrain: &Terrain,
+    ground: TerrainMesh,
+) -> Vec<ContactPatch> {
+    let (mesh, planes, edges) = of_files(terrain, ground);
+    let mesh = without_ramps(&mesh, &planes, &edges, &RampConfig::default());
+    let ground = Ground::new(&mesh);
+    let outlines = Foot::ALL.map(|foot| outline(rig, foot));
+    let config = PatchConfig::default();
+    let patch = |own: &FootContact| {
+        let outline = &outlines[own.foot as usize];
+        let [_, _, height_sigma_m, ..] = own.covariance.sigmas();
+        let place = &own.world_from_foot;
+        let patch = contact_patch(&ground, place, outline, height_sigma_m, &config);
+        ContactPatch {
+            outline_m: patch.outline_m,
+            area_share: patch.area_share as f32,
+            ground_share: patch.ground_share as f32,
+            gap_m: patch.gap_m.map(|gap_m| gap_m as f32),
+        }
+    };
+    contacts.iter().map(patch).collect()
 }
 
 /// Keyframes that show the places of contacts.

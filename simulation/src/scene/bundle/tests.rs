@@ -9,6 +9,7 @@ use scene_bundle::{Bundle, Provenance, Record, RigRevision};
 use super::*;
 use crate::scene::Place;
 use crate::testing::SyntheticScene;
+use crate::testing::bundle::patch;
 
 mod faults;
 
@@ -45,7 +46,9 @@ fn write_bundle(folder: &Path) -> PathBuf {
     outputs::trajectory::write(&draft, trajectory).unwrap();
     draft.commit(record()).unwrap();
     let draft = bundle.begin(outputs::CONTACTS).unwrap();
-    outputs::contacts::write(&draft, &sector.recording.contacts, &[]).unwrap();
+    let contacts = &sector.recording.contacts;
+    let patches: Vec<_> = contacts.iter().map(patch).collect();
+    outputs::contacts::write(&draft, contacts, &patches, &[]).unwrap();
     draft.commit(record()).unwrap();
     bundle.finish(2).unwrap();
     path

@@ -1,5 +1,6 @@
 //! Errors of a surface against the truth of its walk.
 
+use anyhow::Result;
 use nalgebra::Vector3;
 use rig_sim::scene::terrain::StepEdge;
 use serde::{Deserialize, Serialize};
@@ -8,6 +9,7 @@ use terrain::evaluate::ErrorQuantiles;
 use terrain::ground::Ground;
 use terrain::maps::{CONTRADICTED, EDGE, FILLED, GroundSample, KNOWN, Level, SAMPLED, UNCERTAIN};
 
+use super::patches::{PatchScores, patch_scores};
 use super::surface::{Surface, maps};
 use super::truth::{Crossing, Truth, horizontal_distance};
 
@@ -21,7 +23,7 @@ const LEVEL_M: f64 = 0.3;
 const EDGE_M: f64 = 0.08;
 const EDGE_COS: f64 = 0.966;
 /// One standard deviation of the height of a contact, m: what `bench feet` finds for the stage.
-const CONTACT_SIGMA_M: f64 = 0.004;
+pub(super) const CONTACT_SIGMA_M: f64 = 0.004;
 
 /// Quantiles, mm.
 #[derive(Clone, Copy, Debug, Default, Serialize, Deserialize)]
@@ -64,6 +66,7 @@ pub(super) struct Scores {
     /// Heights of the mesh within 0.6 m of footprints.
     pub(super) near_height: Quantiles,
     pub(super) edges: EdgeScores,
+    pub(super) patches: PatchScores,
     /// True planes of at least 0.25 m2 within 0.6 m of footprints, and those found.
     pub(super) planes: usize,
     pub(super) planes_found: usize,
@@ -116,17 +119,21 @@ pub(super) struct EdgeScores {
 }
 
 /// All errors.
-pub(super) fn scores(surface: &Surface, truth: &Truth<'_>) -> Scores {
+///
+/// # Errors
+/// A pose of a footprint that is not finite.
+pub(super) fn scores(surface: &Surface, truth: &Truth<'_>) -> Result<Scores> {
     let mut scores = Scores {
         footprints: truth.footprints.len(),
         edges: edge_scores(surface, truth),
+        patches: patch_scores(surface, truth)?,
         ..Scores::default()
     };
     heights(surface, truth, &mut scores);
     planes(surface, truth, &mut scores);
     holes(surface, truth, &mut scores);
     invented(surface, truth, &mut scores);
-    scores
+    Ok(scores)
 }
 
 fn heights(surface: &Surface, truth: &Truth<'_>, scores: &mut Scores) {

@@ -2,7 +2,7 @@
 
 use std::collections::HashMap;
 
-use nalgebra::Vector3;
+use nalgebra::{Isometry3, Vector3};
 use rig_sim::scene::terrain::{Plane, StepEdge};
 use rig_sim::simulation::Simulation;
 use rig_sim::walker::Side;
@@ -10,7 +10,7 @@ use rig_sim::walker::Side;
 use super::walks::WalkInputs;
 
 /// Sole: from the middle to heel and toe, and half of its width, m (280 x 95 mm).
-const SOLE_M: [f64; 3] = [0.13, 0.15, 0.0475];
+pub(super) const SOLE_M: [f64; 3] = [0.13, 0.15, 0.0475];
 /// Spacing of samples of a sole, m.
 const SAMPLE_M: f64 = 0.02;
 /// Ground under a sole is within this height of it, m; beyond, the sole juts out over an edge.
@@ -39,6 +39,8 @@ pub(crate) struct Truth<'a> {
 pub(crate) struct Footprint {
     /// Middle of the sole, m.
     pub(crate) middle: [f64; 3],
+    /// Pose of the foot: x to the toe, z up from the sole.
+    pub(crate) world_from_foot: Isometry3<f64>,
     /// Points of the ground under the sole, m.
     pub(crate) ground: Vec<[f64; 3]>,
 }
@@ -90,6 +92,7 @@ impl<'a> Truth<'a> {
                 });
                 Footprint {
                     middle: fall.position.into(),
+                    world_from_foot: Isometry3::from_parts(fall.position.into(), fall.rotation),
                     ground: ground.collect(),
                 }
             })

@@ -46,7 +46,7 @@ pub(super) fn curve(frames: &[DepthFrame], truth: &Truth<'_>, quick: bool) -> Re
         let mut fusion = FusionConfig::default();
         fusion.voxel_m = *voxel_m;
         let surface = surface(frames, fusion)?;
-        let scores = scores(&surface, truth);
+        let scores = scores(&surface, truth)?;
         let places = scores.edges.places_m.iter().flatten().copied();
         Ok(Row {
             voxel_m: *voxel_m,

@@ -1,11 +1,14 @@
-//! Output `contacts`: `contacts.npy`, a row per contact of a foot with the ground, and `views.npy`,
-//! a row per contact and keyframe that shows its place.
+//! Output `contacts`: `contacts.npy`, a row per contact of a foot with the ground, `patches.npy`
+//! with `patch-vertices.npy`, the part of the sole that bears in each, and `views.npy`, a row per
+//! contact and keyframe that shows its place.
 //!
-//! Contract: contacts are sorted by the time of the heel strike and the foot, each once, views by
-//! contact, time and camera.
+//! Contract: contacts are sorted by the time of the heel strike and the foot, each once, patches
+//! as contacts, views by contact, time and camera.
 
+mod patches;
 mod views;
 
+pub use patches::{ContactPatch, read_patches};
 pub use views::{ContactView, read_views};
 
 use cad_transforms::rig::Foot;
@@ -67,14 +70,16 @@ pub struct FootContact {
     pub covariance: Covariance,
 }
 
-/// Writes contacts, sorted by the time of the heel strike and the foot, and the keyframes that show
-/// their places, sorted by contact, time and camera.
+/// Writes contacts, sorted by the time of the heel strike and the foot, with a patch each, and the
+/// keyframes that show their places, sorted by contact, time and camera.
 ///
 /// # Errors
-/// [`BundleError::Refused`] if they are not sorted, [`BundleError::Io`].
+/// [`BundleError::Refused`] if they are not sorted, or not as many patches as contacts;
+/// [`BundleError::Io`].
 pub fn write(
     draft: &Draft,
     contacts: &[FootContact],
+    patches: &[ContactPatch],
     views: &[ContactView],
 ) -> Result<(), BundleError> {
     if let Some((_, found)) = unsorted(contacts) {
@@ -95,6 +100,7 @@ pub fn write(
         })?;
     }
     table.finish()?;
+    patches::write(draft, patches, contacts.len())?;
     views::write(draft, views, contacts.len())
 }
 

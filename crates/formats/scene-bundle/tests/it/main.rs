@@ -3,6 +3,7 @@
 
 mod colmap;
 mod command;
+mod contacts;
 mod export;
 mod ground;
 mod ground_exports;

@@ -2,8 +2,8 @@
 
 use std::collections::BTreeMap;
 
-use super::hull::contains;
 use super::prism::ConvexPart;
+use crate::hull::contains;
 use crate::planes::Planes;
 
 /// Edge of a cell of the table, m.

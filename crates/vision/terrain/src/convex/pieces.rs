@@ -1,7 +1,7 @@
 //! Division of the observed part of a plane into convex pieces.
 
-use super::hull::{area, convex_hull, perimeter};
 use crate::config::ConvexConfig;
+use crate::hull::{area, convex_hull, perimeter};
 use crate::planes::Plane;
 
 /// Maximum number of cuts after each other.

@@ -2,9 +2,9 @@
 
 use nalgebra::Vector3;
 
-use super::hull::{convex_hull, with_at_most};
 use crate::config::ConvexConfig;
 use crate::edges::Edge;
+use crate::hull::{convex_hull, with_at_most};
 use crate::planes::Plane;
 
 /// A convex part: the hull of its vertices.

@@ -3,9 +3,9 @@
 
 use nalgebra::{Vector2, Vector3};
 
-use super::hull::convex_hull;
 use crate::config::ConvexConfig;
 use crate::edges::{Edge, Ramps};
+use crate::hull::convex_hull;
 use crate::planes::Plane;
 
 /// Least cosine of the horizontal angle between the normal of a riser and the direction down its

@@ -6,7 +6,7 @@ fn turn(a: [f64; 2], b: [f64; 2], c: [f64; 2]) -> f64 {
 }
 
 /// Convex hull, counterclockwise (Andrew's monotone chain).
-pub(super) fn convex_hull(mut points: Vec<[f64; 2]>) -> Vec<[f64; 2]> {
+pub(crate) fn convex_hull(mut points: Vec<[f64; 2]>) -> Vec<[f64; 2]> {
     points.sort_unstable_by(|a, b| a[0].total_cmp(&b[0]).then(a[1].total_cmp(&b[1])));
     points.dedup();
     if points.len() < 3 {
@@ -31,7 +31,7 @@ pub(super) fn convex_hull(mut points: Vec<[f64; 2]>) -> Vec<[f64; 2]> {
 }
 
 /// Area of a polygon.
-pub(super) fn area(corners: &[[f64; 2]]) -> f64 {
+pub(crate) fn area(corners: &[[f64; 2]]) -> f64 {
     let next = corners.iter().cycle().skip(1);
     0.5 * corners
         .iter()
@@ -41,7 +41,7 @@ pub(super) fn area(corners: &[[f64; 2]]) -> f64 {
 }
 
 /// Length of the border of a polygon.
-pub(super) fn perimeter(corners: &[[f64; 2]]) -> f64 {
+pub(crate) fn perimeter(corners: &[[f64; 2]]) -> f64 {
     let next = corners.iter().cycle().skip(1);
     corners
         .iter()
@@ -51,7 +51,7 @@ pub(super) fn perimeter(corners: &[[f64; 2]]) -> f64 {
 }
 
 /// Whether a point is inside a convex polygon, or on its border.
-pub(super) fn contains(corners: &[[f64; 2]], at: [f64; 2]) -> bool {
+pub(crate) fn contains(corners: &[[f64; 2]], at: [f64; 2]) -> bool {
     let next = corners.iter().cycle().skip(1);
     corners.len() >= 3
         && corners
@@ -61,7 +61,7 @@ pub(super) fn contains(corners: &[[f64; 2]], at: [f64; 2]) -> bool {
 }
 
 /// Leaves out corners that change the area least until at most a number remain.
-pub(super) fn with_at_most(mut corners: Vec<[f64; 2]>, count: usize) -> Vec<[f64; 2]> {
+pub(crate) fn with_at_most(mut corners: Vec<[f64; 2]>, count: usize) -> Vec<[f64; 2]> {
     while corners.len() > count.max(3) {
         let at = |i: usize| corners[i % corners.len()];
         let n = corners.len();
