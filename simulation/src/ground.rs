@@ -23,6 +23,9 @@ use crate::error::SimulationError;
 pub(crate) use components::neighbors;
 pub(crate) use layer::Layer;
 
+/// Heights of two levels that are one surface, m.
+const SAME_SURFACE_M: f64 = 0.01;
+
 /// Walkable levels of a scene, for agents of one size.
 ///
 /// ```
@@ -118,19 +121,42 @@ impl Ground {
     }
 
     /// The surface at x, y whose cell is nearest to z in height, all in m; `None` outside of the
-    /// maps and where nothing is known.
+    /// maps and where nothing is known. Where levels overlap it is on the one that has an obstacle
+    /// there, then on one where the agent can be.
     pub fn surface(&self, at_m: [f64; 2], near_z_m: f64) -> Option<Surface> {
-        let mut nearest: Option<(f64, usize, usize)> = None;
+        struct Nearest {
+            distance_m: f64,
+            level: usize,
+            cell: usize,
+        }
+        // At the end of a level its unknown surroundings are known to the level that overlaps it.
+        let rank = |level: usize| match self.layers[level].block(at_m) {
+            Some(BlockReason::OutsideMap | BlockReason::Unknown) => 0,
+            None => 1,
+            Some(_) => 2,
+        };
+        let mut nearest: Option<Nearest> = None;
         for (level, layer) in self.layers.iter().enumerate() {
             let Some((cell, height_m)) = layer.height(at_m) else {
                 continue;
             };
             let distance_m = (f64::from(height_m) - near_z_m).abs();
-            if nearest.is_none_or(|(least_m, ..)| distance_m < least_m) {
-                nearest = Some((distance_m, level, cell));
+            let is_nearer = nearest.as_ref().is_none_or(|other| {
+                let is_same = (distance_m - other.distance_m).abs() <= SAME_SURFACE_M;
+                match is_same && rank(level) != rank(other.level) {
+                    true => rank(level) > rank(other.level),
+                    false => distance_m < other.distance_m,
+                }
+            });
+            if is_nearer {
+                nearest = Some(Nearest {
+                    distance_m,
+                    level,
+                    cell,
+                });
             }
         }
-        let (_, level, cell) = nearest?;
+        let Nearest { level, cell, .. } = nearest?;
         Some(self.layers[level].surface(level, at_m, cell))
     }
 

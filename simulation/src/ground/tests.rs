@@ -1,6 +1,7 @@
 //! Heights across edges, and paths around obstacles.
 
 use counter_random::uniform;
+use scene_bundle::outputs::grid::Grid;
 use scene_bundle::outputs::maps::MapLevel;
 
 use super::*;
@@ -113,6 +114,68 @@ fn paths_between_many_obstacles_are_as_long_as_taut_strings() {
         }
     }
     assert!(worst <= 0.005 && detours > 20, "{worst} {detours}");
+}
+
+/// The columns of a level from one to another.
+fn part(level: &MapLevel, columns: std::ops::Range<usize>) -> MapLevel {
+    let grid = level.grid;
+    let cells: Vec<usize> = (0..grid.cells())
+        .filter(|cell| columns.contains(&(cell % grid.columns)))
+        .collect();
+    let mut part = MapLevel::unknown(Grid {
+        origin_m: grid.center_m(columns.start),
+        columns: columns.len(),
+        ..grid
+    });
+    let of = |values: &[f32]| cells.iter().map(|cell| values[*cell]).collect();
+    part.elevation = of(&level.elevation);
+    part.clearance = of(&level.clearance);
+    part.distance = of(&level.distance);
+    part.sigma = of(&level.sigma);
+    part.normal = cells.iter().map(|cell| level.normal[*cell]).collect();
+    part.occupancy = cells.iter().map(|cell| level.occupancy[*cell]).collect();
+    part.flags = cells.iter().map(|cell| level.flags[*cell]).collect();
+    part
+}
+
+/// As output `maps` divides levels that are mostly empty.
+#[test]
+fn levels_that_overlap_are_one_ground() {
+    for scene in [
+        SyntheticScene::wall(),
+        SyntheticScene::stairs(),
+        SyntheticScene::room(),
+    ] {
+        let scene = scene.expect("a scene");
+        let whole = ground(&scene);
+        let level = &whole.levels()[0];
+        let columns = level.grid.columns;
+        let middle = columns / 2;
+        // In both orders, with 1 m in common.
+        let left = part(level, 0..middle + 13);
+        let right = part(level, middle - 12..columns);
+        for parts in [vec![left.clone(), right.clone()], vec![right, left]] {
+            let divided = Ground::new(parts, &AgentConfig::default()).expect("ground");
+            let mut components = std::collections::BTreeMap::new();
+            for cell in 0..level.grid.cells() {
+                let at = level.grid.center_m(cell);
+                let height_m = f64::from(level.elevation[cell]);
+                let expected = whole.surface(at, height_m);
+                let found = divided.surface(at, height_m);
+                assert_eq!(expected.is_some(), found.is_some(), "{at:?}");
+                let Some((expected, found)) = expected.zip(found) else {
+                    continue;
+                };
+                let difference_m = found.height_m - expected.height_m;
+                assert!(difference_m.abs() < 1e-6, "{at:?}: {difference_m}");
+                let block = whole.block(at, expected.level);
+                assert_eq!(block, divided.block(at, found.level), "{at:?}");
+                let own = whole.component(at, expected.level);
+                let other = divided.component(at, found.level);
+                assert_eq!(*components.entry(own).or_insert(other), other, "{at:?}");
+            }
+        }
+    }
 }
 
 /// Level ground of 6 m with a hole of some cells from 2 m, 2 m on.

@@ -5,7 +5,8 @@
 //! are narrow and have a plane rim are filled, and flagged ([`FILLED`]). Heights with a large
 //! sigma are flagged ([`UNCERTAIN`]). Ground samples, points that carried a foot for one, give
 //! heights where depth has none, and win where it contradicts them, unless the foot hangs over an
-//! edge there. Levels with samples come first, then larger ones before smaller ones.
+//! edge there. Levels with samples come first, then larger ones before smaller ones. A level whose
+//! grid would be large and mostly empty is divided into several that overlap.
 
 use std::collections::BTreeMap;
 
@@ -14,6 +15,7 @@ use crate::edges::Edge;
 use crate::mesh::Mesh;
 
 mod distance;
+mod division;
 mod floors;
 mod holes;
 mod level;
@@ -70,16 +72,27 @@ pub fn build(
     };
     let min_cells = config.min_level_m2 / (config.cell_m * config.cell_m);
     connected.retain(|level| level.len() as f64 >= min_cells || is_seeded(level));
-    connected.sort_by_key(|level| (!is_seeded(level), std::cmp::Reverse(level.len())));
-    let mut used = vec![false; ground.len()];
-    connected
+    // Pieces of a level, with its number.
+    let mut pieces: Vec<(usize, BTreeMap<Cell, usize>)> = Vec::new();
+    for (number, level) in connected.into_iter().enumerate() {
+        let divided = division::divided(level, config).into_iter();
+        pieces.extend(divided.map(|piece| (number, piece)));
+    }
+    pieces.sort_by_key(|(_, piece)| (!is_seeded(piece), std::cmp::Reverse(piece.len())));
+    // The level that a sample belongs to.
+    let mut used: Vec<Option<usize>> = vec![None; ground.len()];
+    pieces
         .iter()
-        .map(|cells| {
+        .map(|(number, cells)| {
             let mut level = grid(&floors, cells, config);
             let is_overhang = overhangs(&level, ground, config);
-            let samples = ground.iter().zip(&mut used).zip(is_overhang);
-            for ((sample, used), is_overhang) in samples.filter(|((_, used), _)| !**used) {
-                *used = is_overhang || add_sample(&mut level, sample, config);
+            for (index, sample) in ground.iter().enumerate() {
+                if used[index].is_some_and(|other| other != *number) {
+                    continue;
+                }
+                if is_overhang[index] || add_sample(&mut level, sample, config) {
+                    used[index] = Some(*number);
+                }
             }
             holes::fill(&mut level, config);
             flag_uncertain(&mut level, config);

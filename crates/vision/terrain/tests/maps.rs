@@ -292,3 +292,44 @@ fn every_number_of_threads_gives_the_same_maps() {
     // NaN differs from itself.
     assert_eq!(format!("{:?}", on(1)), format!("{:?}", on(3)));
 }
+
+/// A way of 60 m at 45 degrees to the axes, on ground that rises by 2 %.
+#[test]
+fn a_way_across_the_axes_is_divided_into_levels_that_overlap() {
+    let config = MapConfig::default();
+    let height = |x: f64, y: f64| 0.01 * (x + y);
+    let mesh = carpet([2200, 2200], |x, y| {
+        ((x - y).abs() < 0.7).then(|| height(x, y))
+    });
+    let walked = |at: f64| GroundSample {
+        position: [at, at, height(at, at) + 0.004],
+        sigma_m: 0.004,
+        contact: (100.0 * at) as usize,
+    };
+    let samples: Vec<GroundSample> = (1..86).map(|k| walked(0.5 * f64::from(k))).collect();
+    let levels = build(&mesh, &[], &samples, &config);
+    let cells: usize = levels.iter().map(|level| level.flags.len()).sum();
+    assert!(
+        levels.len() > 1 && cells < 800_000,
+        "{} levels, {cells} cells",
+        levels.len()
+    );
+    for sample in &samples {
+        let [x, y, _] = sample.position;
+        let of = levels.iter().filter_map(|level| {
+            let index = level.index(x, y).filter(|index| level.has_height(*index))?;
+            Some((level, index))
+        });
+        let of: Vec<(&Level, usize)> = of.collect();
+        assert!(!of.is_empty(), "{x}");
+        for (level, index) in &of {
+            let [x, y] = level.center(*index);
+            let error = f64::from(level.elevation[*index]) - height(x, y);
+            assert!(error.abs() < 0.005, "{error}");
+            assert_ne!(level.flags[*index] & SAMPLED, 0, "in all of them: {x}");
+        }
+        // Somewhere the end of the ground is as far as its sides.
+        let clear = of.iter().map(|(level, index)| level.distance[*index]);
+        assert!(clear.fold(0.0, f32::max) > 0.4, "{x}");
+    }
+}

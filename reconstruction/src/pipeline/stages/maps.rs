@@ -34,7 +34,7 @@ impl Stage<Input> for MapsStage {
     }
 
     fn version(&self) -> u32 {
-        5
+        6
     }
 
     fn inputs(&self) -> &'static [&'static str] {
