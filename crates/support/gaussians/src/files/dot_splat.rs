@@ -41,7 +41,8 @@ pub fn write(splats: &Splats) -> Vec<u8> {
         let floats = splat
             .position_m
             .into_iter()
-            .chain(splat.log_scale.map(libm::expf));
+            // Readers, ours among them, refuse an infinite scale.
+            .chain(splat.log_scale.map(|v| libm::expf(v).min(f32::MAX)));
         bytes.extend(floats.flat_map(f32::to_le_bytes));
         bytes.extend(splat.harmonics[0].map(|f| byte(255.0 * to_color(f))));
         bytes.push(opacity_byte(splat.opacity_logit));

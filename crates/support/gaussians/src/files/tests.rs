@@ -1,7 +1,7 @@
 use std::io::Write;
 
 use super::*;
-use crate::splats::Plane;
+use crate::splats::{Plane, Splat};
 use crate::tests::random_splats;
 
 const MAX: usize = 1000;
@@ -299,4 +299,16 @@ fn a_file_of_another_program_is_read() {
             }
         }
     }
+}
+
+#[test]
+fn a_scale_beyond_single_precision_is_written_as_the_largest() {
+    let mut splats = Splats::empty(0).unwrap();
+    let mut splat = Splat::sphere(1.0, [0.5; 3]);
+    splat.log_scale = [100.0, 0.0, 88.0];
+    splats.push(&splat).unwrap();
+    let read = dot_splat::read(&dot_splat::write(&splats), MAX).unwrap();
+    let scales = read.splats.get(0).log_scale;
+    assert!((scales[0] - f32::MAX.ln()).abs() < 1e-4, "{scales:?}");
+    assert!((scales[2] - 88.0).abs() < 1e-4, "{scales:?}");
 }
