@@ -171,10 +171,15 @@ fn settings(found: &Value) -> Chart {
 }
 
 /// Loss against the undamaged training, over the step of the strength.
+/// Differences from the undamaged views of the same walk, mean over the walks.
 fn failures(found: &Value) -> Chart {
     let all = rows(&found["rows"]);
-    let undamaged = all.iter().find(|row| row["kind"] == "none");
-    let undamaged = undamaged.map_or(f64::NAN, |row| number(row, "gaps.psnr_db"));
+    let psnr_db = |row: &Value| number(row, "gaps.psnr_db");
+    let change_db = |row: &Value| {
+        let same = |other: &&Value| other["kind"] == "none" && other["walk"] == row["walk"];
+        let undamaged = all.iter().find(same);
+        psnr_db(row) - undamaged.map_or(f64::NAN, psnr_db)
+    };
     let mut kinds: Vec<&str> = Vec::new();
     for row in all {
         let kind = text(row, "kind");
@@ -182,21 +187,31 @@ fn failures(found: &Value) -> Chart {
             kinds.push(kind);
         }
     }
-    let chart = Chart::new("Damaged views: PSNR in gaps")
+    let chart = Chart::new("Damaged views: PSNR in gaps against undamaged ones")
         .subtitle(&run_of(found))
         .x_axis(Axis::linear("step of the strength", "").include(0.0))
-        .y_axis(psnr_axis());
+        .y_axis(Axis::linear("change of PSNR, mean over walks", "dB"));
     kinds.into_iter().fold(chart, |chart, kind| {
-        let own = all.iter().filter(|row| row["kind"] == kind);
-        let own: Vec<&Value> = own.collect();
-        let points = own.iter().enumerate();
-        let points = points.map(|(k, row)| ((k + 1) as f64, number(row, "gaps.psnr_db")));
-        let start = std::iter::once((0.0, undamaged));
-        let labels = own
+        let of_kind = || all.iter().filter(|row| row["kind"] == kind);
+        let mut strengths: Vec<&Value> = Vec::new();
+        for row in of_kind() {
+            if !strengths.contains(&&row["strength"]) {
+                strengths.push(&row["strength"]);
+            }
+        }
+        let mean_db = |strength: &&Value| {
+            let own = of_kind().filter(|row| row["strength"] == **strength);
+            let changes: Vec<f64> = own.map(change_db).collect();
+            changes.iter().sum::<f64>() / changes.len() as f64
+        };
+        let points = strengths.iter().enumerate();
+        let points = points.map(|(k, strength)| ((k + 1) as f64, mean_db(strength)));
+        let unit = of_kind().next().map_or("", |row| text(row, "unit"));
+        let labels = strengths
             .iter()
-            .map(|row| format!("{} {}", row["strength"], text(row, "unit")));
+            .map(|strength| format!("{strength} {unit}"));
         let labels = std::iter::once(String::new()).chain(labels);
-        let series = Series::line(kind, start.chain(points));
+        let series = Series::line(kind, std::iter::once((0.0, 0.0)).chain(points));
         chart.series(series.labels(labels.collect::<Vec<String>>()))
     })
 }

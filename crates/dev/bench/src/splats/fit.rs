@@ -53,7 +53,7 @@ pub(crate) struct Fit {
     pub(crate) scene: Scene,
     pub(crate) start_count: usize,
     pub(crate) checks: Vec<GrowthCheck>,
-    /// Of the steps and checks, without the start and without evaluations.
+    /// Of the start, the steps and the checks, without evaluations.
     pub(crate) timing: Timing,
     /// Steps, those of the checks of growth included.
     pub(crate) steps: usize,
@@ -80,11 +80,18 @@ pub(crate) fn fit(
     config: &SplatsConfig,
     (curve_views, points): (&[TrainingView], usize),
 ) -> Result<Fit> {
-    let scene = start(&training, config)?.context("no view has depth")?;
-    fit_from(scene, training, validation, config, (curve_views, points))
+    let (scene, timing) = timed(|| start(&training, config));
+    let scene = scene?.context("no view has depth")?;
+    let mut fit = fit_from(scene, training, validation, config, (curve_views, points))?;
+    fit.timing.cpu_s += timing.cpu_s;
+    fit.timing.wall_s += timing.wall_s;
+    for point in &mut fit.curve {
+        point.cpu_s += timing.cpu_s;
+    }
+    Ok(fit)
 }
 
-/// The same from a given start.
+/// The same from a given start, whose time is not included.
 ///
 /// # Errors
 /// The training fails.
