@@ -207,8 +207,8 @@ config! {
         /// Minimum area of a level without ground samples, m2.
         pub min_level_m2: f64 = 0.25,
         /// A level is divided if its grid has more cells than this and less than a share of them
-        /// has ground: 40x40 m.
-        pub max_level_cells: usize = 1_000_000,
+        /// has ground: 28x28 m.
+        pub max_level_cells: usize = 500_000,
         /// See `max_level_cells`.
         pub min_level_share: f64 = 0.25,
         /// Maximum number of cells along a side of a level: 1 km. Files allow 65 535.
@@ -253,6 +253,12 @@ config! {
         pub max_gap_m: f64 = 0.015,
         /// Standard deviations of the height of sole and ground.
         pub sigmas: f64 = 2.0,
+        /// Maximum distance of the edge of a step from the middle of a sole, m.
+        pub edge_reach_m: f64 = 0.3,
+        /// Distance beyond its ends in which an edge counts, m: views see less of it than there is.
+        pub edge_margin_m: f64 = 0.05,
+        /// Maximum height of a sole above or below the edge on which it stands, m.
+        pub max_edge_height_m: f64 = 0.03,
     }
 
     /// Constants of [`simplify`](crate::simplify::simplify).

@@ -1,11 +1,14 @@
 //! Contact patches: the part of a sole at rest that bears.
 //!
 //! On the edge of a step heel or toe hang free. A point of the sole bears unless the ground of depth
-//! is lower there by more than a gap; where depth shows no ground, nothing contradicts the contact.
+//! is lower there by more than a gap; where depth shows no ground, unless it is beyond the edge of a
+//! step: views from above do not see the foot of a riser. Elsewhere nothing contradicts the contact.
 
 use cad_transforms::RigidTransform;
+use nalgebra::{Vector2, Vector3};
 
 use crate::config::PatchConfig;
+use crate::edges::Edge;
 use crate::ground::Ground;
 use crate::hull::{area, convex_hull};
 use crate::planes::Polygon;
@@ -37,7 +40,8 @@ enum Support {
 
 /// The patch of a sole at rest.
 ///
-/// `outline_m` is that of the sole in the frame of the foot (x to the toe, y to the left, z up from
+/// `edges` are those of the ground's planes, of which those with a step count. `outline_m` is that
+/// of the sole in the frame of the foot (x to the toe, y to the left, z up from
 /// the sole), `height_sigma_m` one standard deviation of the height of the sole. If nothing hangs
 /// free the patch is the whole outline, otherwise the convex hull of the points that bear. If all
 /// ground that depth shows is lower, it is the whole outline with a `ground_share` of 0: the foot
@@ -61,22 +65,32 @@ enum Support {
 /// };
 /// let outline = [[-0.14, -0.05], [0.14, -0.05], [0.14, 0.05], [-0.14, 0.05]];
 /// let foot = RigidTransform::identity();
-/// let patch = contact_patch(&Ground::new(&mesh), &foot, &outline, 0.003, &Default::default());
+/// let ground = Ground::new(&mesh);
+/// let patch = contact_patch(&ground, &[], &foot, &outline, 0.003, &Default::default());
 /// assert_eq!((patch.outline_m.len(), patch.area_share, patch.ground_share), (4, 1.0, 1.0));
 /// assert!((patch.gap_m.expect("ground") - 0.01).abs() < 1e-6);
 /// ```
 pub fn contact_patch(
     ground: &Ground<'_>,
+    edges: &[Edge],
     world_from_foot: &RigidTransform,
     outline_m: &[[f64; 2]],
     height_sigma_m: f64,
     config: &PatchConfig,
 ) -> ContactPatch {
     let in_world = |[x, y]: [f64; 2]| world_from_foot.apply([x, y, 0.0]);
+    let middle = world_from_foot.translation_m();
+    let steps: Vec<StepLine> = edges
+        .iter()
+        .filter_map(|edge| StepLine::near(edge, middle, config))
+        .collect();
     let support = |point: [f64; 2]| {
         let at = in_world(point);
         let Some(ground) = ground.nearest(at) else {
-            return Support::Unknown;
+            return match steps.iter().any(|step| step.is_beyond(at, config)) {
+                true => Support::Free,
+                false => Support::Unknown,
+            };
         };
         let gap_m = at[2] - ground.height_m;
         let most_m = config.max_gap_m + config.sigmas * height_sigma_m.hypot(ground.sigma_m);
@@ -113,6 +127,52 @@ pub fn contact_patch(
     }
 }
 
+/// The edge of a step, seen from above.
+struct StepLine {
+    from: Vector3<f64>,
+    along: Vector2<f64>,
+    length_m: f64,
+    /// Height per metre along it.
+    rise: f64,
+    /// Down the step.
+    direction: Vector2<f64>,
+}
+
+impl StepLine {
+    /// Of an edge that is within reach of a sole.
+    fn near(edge: &Edge, middle: [f64; 3], config: &PatchConfig) -> Option<Self> {
+        let [from, to] = [edge.from, edge.to].map(Vector3::from);
+        let direction = Vector2::from(edge.step?.direction);
+        let apart = to - from;
+        let length_m = apart.xy().norm();
+        if length_m <= 0.0 {
+            return None;
+        }
+        let along = apart.xy() / length_m;
+        let away = Vector3::from(middle).xy() - from.xy();
+        let nearest = from.xy() + along * along.dot(&away).clamp(0.0, length_m);
+        let distance_m = (Vector3::from(middle).xy() - nearest).norm();
+        (distance_m <= config.edge_reach_m).then_some(Self {
+            from,
+            along,
+            length_m,
+            rise: apart.z / length_m,
+            direction,
+        })
+    }
+
+    /// Whether a point at about the height of the edge is on the lower side of it.
+    fn is_beyond(&self, at: [f64; 3], config: &PatchConfig) -> bool {
+        let away = Vector3::from(at).xy() - self.from.xy();
+        let along = self.along.dot(&away);
+        let above_m = at[2] - (self.from.z + self.rise * along);
+        let ends = -config.edge_margin_m..=self.length_m + config.edge_margin_m;
+        self.direction.dot(&away) > 0.0
+            && ends.contains(&along)
+            && above_m.abs() <= config.max_edge_height_m
+    }
+}
+
 /// Points of a polygon on a grid, and on its border.
 fn points(outline_m: &[[f64; 2]], spacing_m: f64) -> Vec<[f64; 2]> {
     if outline_m.len() < 3 {
@@ -146,6 +206,7 @@ fn points(outline_m: &[[f64; 2]], spacing_m: f64) -> Vec<[f64; 2]> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::edges::{EdgeKind, Step};
     use crate::mesh::Mesh;
 
     const OUTLINE: [[f64; 2]; 4] = [[-0.14, -0.05], [0.14, -0.05], [0.14, 0.05], [-0.14, 0.05]];
@@ -181,7 +242,8 @@ mod tests {
 
     fn patch(mesh: &Mesh, place: &RigidTransform) -> ContactPatch {
         let ground = Ground::new(mesh);
-        contact_patch(&ground, place, &OUTLINE, SIGMA_M, &PatchConfig::default())
+        let config = PatchConfig::default();
+        contact_patch(&ground, &[], place, &OUTLINE, SIGMA_M, &config)
     }
 
     fn area_m2(patch: &ContactPatch, place: &RigidTransform) -> f64 {
@@ -227,6 +289,50 @@ mod tests {
         assert_eq!(nothing.gap_m, None);
     }
 
+    /// From above no view sees the foot of the riser.
+    #[test]
+    fn unknown_ground_beyond_the_edge_of_a_step_does_not_bear() {
+        let mesh = ground(|x, _| (x < 0.1).then_some(0.0));
+        let edge = Edge {
+            kind: EdgeKind::End,
+            from: [0.1, 1.0, 0.001],
+            to: [0.1, -1.0, 0.001],
+            sigma_m: 0.005,
+            planes: (0, None),
+            step: Some(Step {
+                below: 1,
+                height_m: 0.17,
+                sigma_m: 0.002,
+                views: 3,
+                direction: [1.0, 0.0],
+            }),
+        };
+        let place = foot(0.1, 0.2, 0.004);
+        let config = PatchConfig::default();
+        let on = Ground::new(&mesh);
+        let share =
+            |edge: Edge| contact_patch(&on, &[edge], &place, &OUTLINE, SIGMA_M, &config).area_share;
+        assert!((share(edge) - 0.5).abs() < 0.03, "{}", share(edge));
+        // No step, one of another tread, and one that ends beside the foot.
+        assert_eq!(share(Edge { step: None, ..edge }), 1.0);
+        let other = [edge.from, edge.to].map(|[x, y, z]| [x, y, z - 0.17]);
+        assert_eq!(
+            share(Edge {
+                from: other[0],
+                to: other[1],
+                ..edge
+            }),
+            1.0
+        );
+        assert_eq!(
+            share(Edge {
+                to: [0.1, 0.6, 0.0],
+                ..edge
+            }),
+            1.0
+        );
+    }
+
     #[test]
     fn a_sole_above_all_ground_that_depth_shows_is_whole() {
         // Grass: depth shows the soil.
@@ -254,7 +360,8 @@ mod tests {
         let mesh = ground(|_, _| Some(0.0));
         let ground = Ground::new(&mesh);
         let place = foot(0.0, 0.0, 0.0);
-        let patch = contact_patch(&ground, &place, &[], SIGMA_M, &PatchConfig::default());
+        let config = PatchConfig::default();
+        let patch = contact_patch(&ground, &[], &place, &[], SIGMA_M, &config);
         assert!(patch.outline_m.is_empty() && patch.gap_m.is_none());
     }
 }

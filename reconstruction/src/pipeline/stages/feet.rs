@@ -242,7 +242,7 @@ fn patches(
         let outline = &outlines[own.foot as usize];
         let [_, _, height_sigma_m, ..] = own.covariance.sigmas();
         let place = &own.world_from_foot;
-        let patch = contact_patch(&ground, place, outline, height_sigma_m, &config);
+        let patch = contact_patch(&ground, &edges, place, outline, height_sigma_m, &config);
         ContactPatch {
             outline_m: patch.outline_m,
             area_share: patch.area_share as f32,

@@ -5,6 +5,7 @@ use cad_transforms::RigidTransform;
 use nalgebra::Point3;
 use serde::{Deserialize, Serialize};
 use terrain::PatchConfig;
+use terrain::edges::Edge;
 use terrain::ground::Ground;
 use terrain::patch::contact_patch;
 use terrain::planes::Polygon;
@@ -48,7 +49,7 @@ pub(super) fn patch_scores(surface: &Surface, truth: &Truth<'_>) -> Result<Patch
         ..PatchScores::default()
     };
     for print in &truth.footprints {
-        let own = Compared::new(print, &ground, truth)?;
+        let own = Compared::new(print, (&ground, &surface.edges), truth)?;
         scores.ground_share += own.ground_share / truth.footprints.len() as f64;
         if own.true_share < HANGING_SHARE {
             scores.hanging += 1;
@@ -73,7 +74,11 @@ struct Compared {
 }
 
 impl Compared {
-    fn new(print: &Footprint, ground: &Ground<'_>, truth: &Truth<'_>) -> Result<Self> {
+    fn new(
+        print: &Footprint,
+        (ground, edges): (&Ground<'_>, &[Edge]),
+        truth: &Truth<'_>,
+    ) -> Result<Self> {
         let config = PatchConfig::default();
         let [heel, toe, half] = SOLE_M;
         let outline = [[-heel, -half], [toe, -half], [toe, half], [-heel, half]];
@@ -81,7 +86,7 @@ impl Compared {
         let (q, x) = (pose.rotation.coords, pose.translation.vector);
         let place = RigidTransform::from_wxyz([q.w, q.x, q.y, q.z], x.into());
         let place = place.context("a footprint")?;
-        let patch = contact_patch(ground, &place, &outline, CONTACT_SIGMA_M, &config);
+        let patch = contact_patch(ground, edges, &place, &outline, CONTACT_SIGMA_M, &config);
         let foot_from_world = place.inverse();
         let corners = patch.outline_m.iter().map(|corner| {
             let [x, y, _] = foot_from_world.apply(*corner);
