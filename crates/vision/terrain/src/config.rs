@@ -244,7 +244,7 @@ config! {
         pub max_certain_sigma_m: f64 = 0.01,
     }
 
-    /// Constants of [`contact_patch`](crate::patch::contact_patch).
+    /// Constants of [`contact_patch`](crate::contact_patch).
     pub struct PatchConfig {
         /// Distance between points of a sole that are compared with the ground, m.
         pub spacing_m: f64 = 0.005,

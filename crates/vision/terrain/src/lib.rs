@@ -3,8 +3,9 @@
 //! [`fusion`] makes a truncated signed distance field (TSDF) of depth images, [`mesh`] its surface.
 //! [`planes`] finds planes in the mesh and refits them to the depths themselves; [`edges`] are
 //! where they meet or end, and the heights of steps. [`maps`] are grids of each walkable level, for
-//! foothold planning. [`patch`] is the part of a sole that bears. [`simplify`] removes triangles that feet do not need, [`convex`] makes parts
-//! for physics. [`evaluate`] compares results with ground truth.
+//! foothold planning. [`contact_patch`] is the part of a sole that bears. [`simplify`] removes
+//! triangles that feet do not need, [`convex`] makes parts for physics. [`evaluate`] compares
+//! results with ground truth.
 //!
 //! A camera that looks down at a step of 20 cm from 1.2 m above it:
 //!
@@ -66,7 +67,7 @@ mod hull;
 mod instructions;
 pub mod maps;
 pub mod mesh;
-pub mod patch;
+mod patch;
 pub mod planes;
 pub mod simplify;
 mod view;
@@ -76,4 +77,5 @@ pub use config::{
     PlaneConfig, RampConfig, SimplifyConfig,
 };
 pub use error::TerrainError;
+pub use patch::{ContactPatch, contact_patch};
 pub use view::{DepthView, PixelClass, RowMotion};

@@ -1,8 +1,8 @@
 //! Contact patches: the part of a sole at rest that bears.
 //!
-//! On the edge of a step heel or toe hang free. A point of the sole bears unless the ground of depth
-//! is lower there by more than a gap; where depth shows no ground, unless it is beyond the edge of a
-//! step: views from above do not see the foot of a riser. Elsewhere nothing contradicts the contact.
+//! On the edge of a step heel or toe hang free. A point of the sole bears unless the ground of
+//! depth is lower there by more than a gap. Where depth shows no ground, nothing contradicts the
+//! contact, except beyond the edge of a step: from above no view sees the foot of its riser.
 
 use cad_transforms::RigidTransform;
 use nalgebra::{Vector2, Vector3};
@@ -49,9 +49,9 @@ enum Support {
 ///
 /// ```
 /// use cad_transforms::RigidTransform;
+/// use terrain::contact_patch;
 /// use terrain::ground::Ground;
 /// use terrain::mesh::Mesh;
-/// use terrain::patch::contact_patch;
 ///
 /// // Level ground 1 cm below a foot at the origin.
 /// let corners = [[-1.0, -1.0, -0.01], [1.0, -1.0, -0.01], [1.0, 1.0, -0.01], [-1.0, 1.0, -0.01]];
@@ -235,7 +235,7 @@ mod tests {
         mesh
     }
 
-    /// A foot that is turned by 0.6 rad.
+    /// A foot with a heading of 0.6 rad.
     fn foot(x: f64, y: f64, z: f64) -> RigidTransform {
         RigidTransform::from_rotation_vector([0.0, 0.0, 0.6], [x, y, z]).expect("finite")
     }
@@ -270,7 +270,7 @@ mod tests {
         assert!((-0.005..=0.001).contains(&farthest), "{patch:?}");
         assert_eq!(patch.ground_share, 1.0);
         assert!((patch.gap_m.expect("ground") - 0.004).abs() < 1e-6);
-        // On the way up the riser is before the toe, and the whole sole bears.
+        // Going up the riser is ahead of the toe, and the whole sole bears.
         let above = ground(|x, _| Some(if x < 0.3 { 0.0 } else { 0.17 }));
         let whole = super::tests::patch(&above, &foot(0.1, 0.2, 0.004));
         assert_eq!((whole.outline_m.len(), whole.area_share), (4, 1.0));

@@ -29,8 +29,7 @@ use scene_bundle::{Pose, Status, Trajectory};
 use serde_json::{Value, json};
 use terrain::edges::without_ramps;
 use terrain::ground::Ground;
-use terrain::patch::contact_patch;
-use terrain::{PatchConfig, RampConfig};
+use terrain::{PatchConfig, RampConfig, contact_patch};
 
 use self::contact_views::{ContactViewConfig, Keyframes, contact_views};
 use self::gait::{FootTracks, Gait, candidates};

@@ -4,15 +4,13 @@ use anyhow::{Context, Result};
 use cad_transforms::RigidTransform;
 use nalgebra::Point3;
 use serde::{Deserialize, Serialize};
-use terrain::PatchConfig;
 use terrain::edges::Edge;
 use terrain::ground::Ground;
-use terrain::patch::contact_patch;
 use terrain::planes::Polygon;
+use terrain::{PatchConfig, contact_patch};
 
-use super::scores::CONTACT_SIGMA_M;
 use super::surface::Surface;
-use super::truth::{Footprint, SOLE_M, Truth};
+use super::truth::{CONTACT_SIGMA_M, Footprint, SOLE_M, Truth};
 
 /// Spacing of the points of a sole at which both patches are compared, m.
 const SAMPLE_M: f64 = 0.005;
@@ -49,7 +47,7 @@ pub(super) fn patch_scores(surface: &Surface, truth: &Truth<'_>) -> Result<Patch
         ..PatchScores::default()
     };
     for print in &truth.footprints {
-        let own = Compared::new(print, (&ground, &surface.edges), truth)?;
+        let own = PatchComparison::new(print, (&ground, &surface.edges), truth)?;
         scores.ground_share += own.ground_share / truth.footprints.len() as f64;
         if own.true_share < HANGING_SHARE {
             scores.hanging += 1;
@@ -66,14 +64,14 @@ pub(super) fn patch_scores(surface: &Surface, truth: &Truth<'_>) -> Result<Patch
 }
 
 /// A footprint on both grounds.
-struct Compared {
+struct PatchComparison {
     true_share: f64,
     area_share: f64,
     ground_share: f64,
     iou: f64,
 }
 
-impl Compared {
+impl PatchComparison {
     fn new(
         print: &Footprint,
         (ground, edges): (&Ground<'_>, &[Edge]),

@@ -11,7 +11,7 @@ use terrain::maps::{CONTRADICTED, EDGE, FILLED, GroundSample, KNOWN, Level, SAMP
 
 use super::patches::{PatchScores, patch_scores};
 use super::surface::{Surface, maps};
-use super::truth::{Crossing, Truth, horizontal_distance};
+use super::truth::{CONTACT_SIGMA_M, Crossing, Truth, horizontal_distance};
 
 /// Radius around footprints within which holes and invented cells count, m.
 const RADIUS_M: f64 = 0.6;
@@ -22,8 +22,6 @@ const LEVEL_M: f64 = 0.3;
 /// Found edges belong to a true one within this distance, m, and cosine of the angle.
 const EDGE_M: f64 = 0.08;
 const EDGE_COS: f64 = 0.966;
-/// One standard deviation of the height of a contact, m: what `bench feet` finds for the stage.
-pub(super) const CONTACT_SIGMA_M: f64 = 0.004;
 
 /// Quantiles, mm.
 #[derive(Clone, Copy, Debug, Default, Serialize, Deserialize)]

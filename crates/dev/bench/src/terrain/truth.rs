@@ -19,6 +19,8 @@ const UNDER_M: f64 = 0.03;
 const MARGIN_S: f64 = 1.0;
 /// Shorter edges are those of single stones, m.
 const MIN_EDGE_M: f64 = 0.25;
+/// One standard deviation of the height of a contact, m: what `bench feet` finds for the stage.
+pub(super) const CONTACT_SIGMA_M: f64 = 0.004;
 /// Edge of a cell of the table of triangles, m.
 const CELL_M: f64 = 0.25;
 /// Distance from the footsteps up to which triangles are in the table, m.

@@ -74,7 +74,7 @@ pub struct FootContact {
 /// keyframes that show their places, sorted by contact, time and camera.
 ///
 /// # Errors
-/// [`BundleError::Refused`] if they are not sorted, or not as many patches as contacts;
+/// [`BundleError::Refused`] if they are not sorted, or if a patch is missing;
 /// [`BundleError::Io`].
 pub fn write(
     draft: &Draft,

@@ -30,7 +30,7 @@ pub struct ContactPatch {
     pub gap_m: Option<f32>,
 }
 
-/// What is wrong with patches of so many contacts.
+/// What is wrong with patches; `contacts` is their number.
 fn check(patches: &[ContactPatch], contacts: usize) -> Result<(), Fault> {
     if patches.len() != contacts {
         let found = format!("{} rows", patches.len());
