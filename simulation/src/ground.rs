@@ -24,7 +24,7 @@ pub(crate) use components::neighbors;
 pub(crate) use layer::Layer;
 
 /// Heights of two levels that are one surface, m.
-const SAME_SURFACE_M: f64 = 0.01;
+const SAME_SURFACE_M: f32 = 0.01;
 
 /// Walkable levels of a scene, for agents of one size.
 ///
@@ -125,7 +125,7 @@ impl Ground {
     /// there, then on one where the agent can be.
     pub fn surface(&self, at_m: [f64; 2], near_z_m: f64) -> Option<Surface> {
         struct Nearest {
-            distance_m: f64,
+            height_m: f32,
             level: usize,
             cell: usize,
         }
@@ -140,17 +140,17 @@ impl Ground {
             let Some((cell, height_m)) = layer.height(at_m) else {
                 continue;
             };
-            let distance_m = (f64::from(height_m) - near_z_m).abs();
+            let distance_m = |height_m: f32| (f64::from(height_m) - near_z_m).abs();
             let is_nearer = nearest.as_ref().is_none_or(|other| {
-                let is_same = (distance_m - other.distance_m).abs() <= SAME_SURFACE_M;
+                let is_same = (height_m - other.height_m).abs() <= SAME_SURFACE_M;
                 match is_same && rank(level) != rank(other.level) {
                     true => rank(level) > rank(other.level),
-                    false => distance_m < other.distance_m,
+                    false => distance_m(height_m) < distance_m(other.height_m),
                 }
             });
             if is_nearer {
                 nearest = Some(Nearest {
-                    distance_m,
+                    height_m,
                     level,
                     cell,
                 });

@@ -232,8 +232,12 @@ fn patches(
     terrain: &Terrain,
     ground: TerrainMesh,
 ) -> Vec<ContactPatch> {
-    let (mesh, planes, edges) = of_files(terrain, ground);
-    let mesh = without_ramps(&mesh, &planes, &edges, &RampConfig::default());
+    if contacts.is_empty() {
+        return Vec::new();
+    }
+    let (dense, planes, edges) = of_files(terrain, ground);
+    let mesh = without_ramps(&dense, &planes, &edges, &RampConfig::default());
+    drop((dense, planes));
     let ground = Ground::new(&mesh);
     let outlines = Foot::ALL.map(|foot| outline(rig, foot));
     let config = PatchConfig::default();
