@@ -16,7 +16,7 @@ mod runs;
 mod snapping;
 mod steps;
 
-pub(crate) use ramps::Ramps;
+pub(crate) use ramps::{Ramps, Strip};
 
 pub use self::{
     edge::{Edge, EdgeKind, Step},

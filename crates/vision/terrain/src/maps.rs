@@ -75,8 +75,8 @@ pub fn build(
     // Pieces of a level, with its number.
     let mut pieces: Vec<(usize, BTreeMap<Cell, usize>)> = Vec::new();
     for (number, level) in connected.into_iter().enumerate() {
-        let divided = division::divided(level, config).into_iter();
-        pieces.extend(divided.map(|piece| (number, piece)));
+        let own = division::divide(level, config).into_iter();
+        pieces.extend(own.map(|piece| (number, piece)));
     }
     pieces.sort_by_key(|(_, piece)| (!is_seeded(piece), std::cmp::Reverse(piece.len())));
     // The level that a sample belongs to.

@@ -5,10 +5,10 @@
 //! contact, except beyond the edge of a step: from above no view sees the foot of its riser.
 
 use cad_transforms::RigidTransform;
-use nalgebra::{Vector2, Vector3};
+use nalgebra::Vector3;
 
 use crate::config::PatchConfig;
-use crate::edges::Edge;
+use crate::edges::{Edge, Strip};
 use crate::ground::Ground;
 use crate::hull::{area, convex_hull};
 use crate::planes::Polygon;
@@ -41,11 +41,13 @@ enum Support {
 /// The patch of a sole at rest.
 ///
 /// `edges` are those of the ground's planes, of which those with a step count. `outline_m` is that
-/// of the sole in the frame of the foot (x to the toe, y to the left, z up from
-/// the sole), `height_sigma_m` one standard deviation of the height of the sole. If nothing hangs
-/// free the patch is the whole outline, otherwise the convex hull of the points that bear. If all
-/// ground that depth shows is lower, it is the whole outline with a `ground_share` of 0: the foot
-/// did stand there, and the ground is not where depth has it, as of water and grass.
+/// of the sole in the frame of the foot (x to the toe, y to the left, z up from the sole),
+/// `height_sigma_m` one standard deviation of the height of the sole.
+///
+/// If nothing hangs free the patch is the whole outline, otherwise the convex hull of the points
+/// that bear. If all ground that depth shows is lower, it is the whole outline with a
+/// `ground_share` of 0: the foot did stand there, and the ground is not where depth has it, as of
+/// water and grass.
 ///
 /// ```
 /// use cad_transforms::RigidTransform;
@@ -80,14 +82,16 @@ pub fn contact_patch(
 ) -> ContactPatch {
     let in_world = |[x, y]: [f64; 2]| world_from_foot.apply([x, y, 0.0]);
     let middle = world_from_foot.translation_m();
-    let steps: Vec<StepLine> = edges
+    let near = edges
         .iter()
-        .filter_map(|edge| StepLine::near(edge, middle, config))
+        .filter(|edge| edge.distance_m(middle) <= config.edge_reach_m);
+    let steps: Vec<Strip> = near
+        .filter_map(|edge| Strip::new(edge, &edge.step?))
         .collect();
     let support = |point: [f64; 2]| {
         let at = in_world(point);
         let Some(ground) = ground.nearest(at) else {
-            return match steps.iter().any(|step| step.is_beyond(at, config)) {
+            return match steps.iter().any(|step| is_beyond(step, at, config)) {
                 true => Support::Free,
                 false => Support::Unknown,
             };
@@ -127,50 +131,12 @@ pub fn contact_patch(
     }
 }
 
-/// The edge of a step, seen from above.
-struct StepLine {
-    from: Vector3<f64>,
-    along: Vector2<f64>,
-    length_m: f64,
-    /// Height per metre along it.
-    rise: f64,
-    /// Down the step.
-    direction: Vector2<f64>,
-}
-
-impl StepLine {
-    /// Of an edge that is within reach of a sole.
-    fn near(edge: &Edge, middle: [f64; 3], config: &PatchConfig) -> Option<Self> {
-        let [from, to] = [edge.from, edge.to].map(Vector3::from);
-        let direction = Vector2::from(edge.step?.direction);
-        let apart = to - from;
-        let length_m = apart.xy().norm();
-        if length_m <= 0.0 {
-            return None;
-        }
-        let along = apart.xy() / length_m;
-        let away = Vector3::from(middle).xy() - from.xy();
-        let nearest = from.xy() + along * along.dot(&away).clamp(0.0, length_m);
-        let distance_m = (Vector3::from(middle).xy() - nearest).norm();
-        (distance_m <= config.edge_reach_m).then_some(Self {
-            from,
-            along,
-            length_m,
-            rise: apart.z / length_m,
-            direction,
-        })
-    }
-
-    /// Whether a point at about the height of the edge is on the lower side of it.
-    fn is_beyond(&self, at: [f64; 3], config: &PatchConfig) -> bool {
-        let away = Vector3::from(at).xy() - self.from.xy();
-        let along = self.along.dot(&away);
-        let above_m = at[2] - (self.from.z + self.rise * along);
-        let ends = -config.edge_margin_m..=self.length_m + config.edge_margin_m;
-        self.direction.dot(&away) > 0.0
-            && ends.contains(&along)
-            && above_m.abs() <= config.max_edge_height_m
-    }
+/// Whether a point at about the height of the edge of a step is on the lower side of it.
+fn is_beyond(step: &Strip, at: [f64; 3], config: &PatchConfig) -> bool {
+    let [along, away] = step.coordinates(&Vector3::from(at).xy());
+    let ends = -config.edge_margin_m..=step.length_m + config.edge_margin_m;
+    let above_m = at[2] - step.height_m(along);
+    away > 0.0 && ends.contains(&along) && above_m.abs() <= config.max_edge_height_m
 }
 
 /// Points of a polygon on a grid, and on its border.

@@ -111,7 +111,7 @@ impl<'a> Ramps<'a> {
         let mut strips = self.strips.iter().filter(|_| is_ground);
         strips.find_map(|strip| {
             let [along, away] = strip.coordinates(&x.xy());
-            let edge = strip.from.z + strip.rise * along;
+            let edge = strip.height_m(along);
             let is_beyond = away > 0.0
                 && away <= self.config.max_overhang_m
                 && (x.z - edge).abs() <= self.config.max_above_m;
@@ -155,7 +155,7 @@ impl<'a> Ramps<'a> {
         if !is_beside {
             return None;
         }
-        let edge = strip.from.z + strip.rise * along;
+        let edge = strip.height_m(along);
         let height = self.planes.planes[strip.below].height_at(x.x, x.y)?;
         let is_on_ramp = x.z >= height - margin
             && x.z <= edge + config.max_above_m - config.min_slope * away + margin;
@@ -205,7 +205,7 @@ impl<'a> Ramps<'a> {
 }
 
 impl Strip {
-    fn new(edge: &Edge, step: &super::edge::Step) -> Option<Self> {
+    pub(crate) fn new(edge: &Edge, step: &super::edge::Step) -> Option<Self> {
         let [from, to] = [edge.from, edge.to].map(Vector3::from);
         let length_m = (to - from).xy().norm();
         (length_m > 1e-3).then(|| Self {
@@ -223,6 +223,11 @@ impl Strip {
     pub(crate) fn coordinates(&self, at: &Vector2<f64>) -> [f64; 2] {
         let d = at - self.from.xy();
         [self.along.dot(&d), self.direction.dot(&d)]
+    }
+
+    /// Height of the edge at a place along it, m.
+    pub(crate) fn height_m(&self, along: f64) -> f64 {
+        self.from.z + self.rise * along
     }
 
     fn middle(&self) -> Vector2<f64> {

@@ -1,7 +1,8 @@
-//! Levels that are mostly empty, divided.
+//! Division of levels that are mostly empty.
 //!
-//! A grid takes memory by its box, which of a walk that goes across it is a thousand times its
-//! ground: a kilometre at 45 degrees to the axes would be 300 million cells of 4 cm.
+//! A grid takes memory by its box, which grows with the square of a walk that goes across it: a
+//! kilometre at 45 degrees to the axes would have 300 million cells of 4 cm, a hundred times its
+//! ground.
 
 use std::collections::BTreeMap;
 
@@ -31,7 +32,7 @@ impl Extent {
         [self.rows, self.columns].map(|[first, last]| 1 + i64::from(last) - i64::from(first))
     }
 
-    fn is_divided(&self, cells: usize, config: &MapConfig) -> bool {
+    fn exceeds_limits(&self, cells: usize, config: &MapConfig) -> bool {
         let [rows, columns] = self.sides();
         let in_box = rows * columns;
         let is_sparse = (cells as f64) < config.min_level_share * in_box as f64;
@@ -41,20 +42,20 @@ impl Extent {
 }
 
 /// The pieces of a level: the level itself, or parts of it that overlap.
-pub(super) fn divided(
+pub(super) fn divide(
     level: BTreeMap<Cell, usize>,
     config: &MapConfig,
 ) -> Vec<BTreeMap<Cell, usize>> {
     let whole = Extent::of(level.keys().copied());
-    if !whole.is_divided(level.len(), config) {
+    if !whole.exceeds_limits(level.len(), config) {
         return vec![level];
     }
     let mut open: Vec<Vec<Place>> = vec![level.iter().map(|(cell, own)| (*cell, *own)).collect()];
     let mut pieces = Vec::new();
     while let Some(cells) = open.pop() {
         let extent = Extent::of(cells.iter().map(|(cell, _)| *cell));
-        if !extent.is_divided(cells.len(), config) {
-            pieces.push(overlapping(&level, &extent, config));
+        if !extent.exceeds_limits(cells.len(), config) {
+            pieces.push(with_margin(&level, &extent, config));
             continue;
         }
         let [rows, columns] = extent.sides();
@@ -72,7 +73,7 @@ pub(super) fn divided(
 }
 
 /// The cells of a level in a box and around it.
-fn overlapping(
+fn with_margin(
     level: &BTreeMap<Cell, usize>,
     extent: &Extent,
     config: &MapConfig,
