@@ -161,14 +161,14 @@ fn write(
     }
     output(outputs::CONTACTS, &|draft| {
         let own = &sector.recording.contacts;
-        let patches: Vec<ContactPatch> = own.iter().map(patch).collect();
+        let patches: Vec<ContactPatch> = own.iter().map(whole_sole).collect();
         contacts::write(draft, own, &patches, &[])
     })?;
     bundle.finish(2)
 }
 
 /// A rectangle of 28x10 cm, all of which bears.
-pub(crate) fn patch(contact: &FootContact) -> ContactPatch {
+pub(crate) fn whole_sole(contact: &FootContact) -> ContactPatch {
     let corners = [[-0.14, -0.05], [0.14, -0.05], [0.14, 0.05], [-0.14, 0.05]];
     let corner = |[x, y]: [f64; 2]| contact.world_from_foot.apply([x, y, 0.0]);
     ContactPatch {

@@ -17,29 +17,27 @@ use ::feet::swing_habit::SwingHabit;
 use ::feet::track::{self, FootContacts, GroundHeights, foot_poses};
 use ::feet::{ClockConfig, FootConfig, GaitConfig, JumpConfig, PlacementConfig, SlideConfig};
 use cad_transforms::rig::Foot;
-use scene_bundle::outputs::contacts::{ContactEvent, ContactPatch, ContactView, FootContact};
+use scene_bundle::outputs::contacts::{ContactEvent, ContactView, FootContact};
 use scene_bundle::outputs::feet::{FootPose, FootStatus};
 use scene_bundle::outputs::rig::RigModel;
 use scene_bundle::outputs::tag_detections::TagDetection;
-use scene_bundle::outputs::terrain::{MeshDetail, Terrain, TerrainMesh};
+use scene_bundle::outputs::terrain::{MeshDetail, TerrainMesh};
 use scene_bundle::outputs::{
     self, CONTACTS, DEPTH, FEET, KEYFRAMES, RIG_REFINED, TAG_DETECTIONS, TERRAIN, TRAJECTORY,
 };
 use scene_bundle::{Pose, Status, Trajectory};
 use serde_json::{Value, json};
-use terrain::edges::without_ramps;
-use terrain::ground::Ground;
-use terrain::{PatchConfig, RampConfig, contact_patch};
+use terrain::{PatchConfig, RampConfig};
 
 use self::contact_views::{ContactViewConfig, Keyframes, contact_views};
 use self::gait::{FootTracks, Gait, candidates};
 use self::ground_below::GroundBelowConfig;
 use self::inputs_check::{on_one_clock, report_drift, without_jumps};
+use self::patches::patches;
 use self::placement::correct_placement;
 use self::reports::{report, report_restless, report_slides, report_sole, report_unseen};
 use super::depth_frames::{DepthFrame, instants};
 use super::soles::{edges, outline};
-use super::terrain::surface::of_files;
 use crate::input::Input;
 use crate::pipeline::{Findings, Stage, StageError, Work};
 
@@ -48,6 +46,7 @@ mod continuous;
 mod gait;
 mod ground_below;
 mod inputs_check;
+mod patches;
 mod placement;
 mod reports;
 
@@ -223,37 +222,6 @@ pub fn feet(
         poses,
         causal,
     }
-}
-
-/// The parts of soles that bear, on the ground of depth without the ramps below steps.
-fn patches(
-    rig: &RigModel,
-    contacts: &[FootContact],
-    terrain: &Terrain,
-    ground: TerrainMesh,
-) -> Vec<ContactPatch> {
-    if contacts.is_empty() {
-        return Vec::new();
-    }
-    let (dense, planes, edges) = of_files(terrain, ground);
-    let mesh = without_ramps(&dense, &planes, &edges, &RampConfig::default());
-    drop((dense, planes));
-    let ground = Ground::new(&mesh);
-    let outlines = Foot::ALL.map(|foot| outline(rig, foot));
-    let config = PatchConfig::default();
-    let patch = |own: &FootContact| {
-        let outline = &outlines[own.foot as usize];
-        let [_, _, height_sigma_m, ..] = own.covariance.sigmas();
-        let place = &own.world_from_foot;
-        let patch = contact_patch(&ground, &edges, place, outline, height_sigma_m, &config);
-        ContactPatch {
-            outline_m: patch.outline_m,
-            area_share: patch.area_share as f32,
-            ground_share: patch.ground_share as f32,
-            gap_m: patch.gap_m.map(|gap_m| gap_m as f32),
-        }
-    };
-    contacts.iter().map(patch).collect()
 }
 
 /// Keyframes that show the places of contacts.

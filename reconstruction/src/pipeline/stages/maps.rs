@@ -13,15 +13,15 @@ use terrain::edges::without_ramps;
 use terrain::maps::{FREE, GroundSample, build};
 
 use self::config::MapsConfig;
-use self::contact_patches::contact_patch;
+use self::sole_samples::sole_samples;
 use super::soles::outline;
 use super::terrain::surface::of_files;
 use crate::input::Input;
 use crate::pipeline::{Stage, StageError, Work};
 
 mod config;
-mod contact_patches;
 mod layers;
+mod sole_samples;
 
 pub use layers::{map_collision, map_levels};
 
@@ -58,10 +58,10 @@ impl Stage<Input> for MapsStage {
         let mesh = without_ramps(&mesh, &planes, &edges, &config.convex.ramps);
         let contacts = outputs::contacts::read(&work.read(CONTACTS)?)?;
         let rig = outputs::rig::read(&work.read(RIG_REFINED)?)?;
-        let patch = |(number, own): (usize, &FootContact)| {
-            contact_patch(number, own, &outline(&rig, own.foot), &config)
+        let of_sole = |(number, own): (usize, &FootContact)| {
+            sole_samples(number, own, &outline(&rig, own.foot), &config)
         };
-        let samples: Vec<GroundSample> = contacts.iter().enumerate().flat_map(patch).collect();
+        let samples: Vec<GroundSample> = contacts.iter().enumerate().flat_map(of_sole).collect();
         let steps = 3;
         let levels = build(&mesh, &edges, &samples, &config.maps);
         work.progress(1, steps);

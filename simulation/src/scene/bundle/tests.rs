@@ -9,7 +9,7 @@ use scene_bundle::{Bundle, Provenance, Record, RigRevision};
 use super::*;
 use crate::scene::Place;
 use crate::testing::SyntheticScene;
-use crate::testing::bundle::patch;
+use crate::testing::bundle::whole_sole;
 
 mod faults;
 
@@ -47,7 +47,7 @@ fn write_bundle(folder: &Path) -> PathBuf {
     draft.commit(record()).unwrap();
     let draft = bundle.begin(outputs::CONTACTS).unwrap();
     let contacts = &sector.recording.contacts;
-    let patches: Vec<_> = contacts.iter().map(patch).collect();
+    let patches: Vec<_> = contacts.iter().map(whole_sole).collect();
     outputs::contacts::write(&draft, contacts, &patches, &[]).unwrap();
     draft.commit(record()).unwrap();
     bundle.finish(2).unwrap();

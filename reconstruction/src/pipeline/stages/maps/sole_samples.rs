@@ -9,7 +9,7 @@ use terrain::maps::GroundSample;
 use super::config::MapsConfig;
 
 /// Samples of a contact with its number; `outline_m` is that of the sole in the frame of the foot.
-pub(super) fn contact_patch(
+pub(super) fn sole_samples(
     number: usize,
     contact: &FootContact,
     outline_m: &[[f64; 2]],
@@ -94,7 +94,7 @@ mod tests {
     #[test]
     fn cells_below_the_sole_have_its_height() {
         let config = MapsConfig::default();
-        let samples = contact_patch(0, &contact(), &OUTLINE, &config);
+        let samples = sole_samples(0, &contact(), &OUTLINE, &config);
         // 0.028 m2.
         let cell_m2 = config.maps.cell_m * config.maps.cell_m;
         let area = samples.len() as f64 * cell_m2;
@@ -130,7 +130,7 @@ mod tests {
             [-0.12, 0.04],
         ];
         let config = MapsConfig::default();
-        let samples = contact_patch(0, &contact(), &outline, &config);
+        let samples = sole_samples(0, &contact(), &outline, &config);
         // Two trapezoids, 0.0210 m2 (0.14 m times 0.07 and 0.08 m): 13 cells, and those at its rim.
         let area = samples.len() as f64 * config.maps.cell_m * config.maps.cell_m;
         assert!((0.016..0.027).contains(&area), "{area}");
@@ -138,6 +138,6 @@ mod tests {
 
     #[test]
     fn a_sole_without_outline_has_no_samples() {
-        assert!(contact_patch(0, &contact(), &[], &MapsConfig::default()).is_empty());
+        assert!(sole_samples(0, &contact(), &[], &MapsConfig::default()).is_empty());
     }
 }
