@@ -8,7 +8,7 @@
 //!    grounds, distance of contacts of the feet from the true surface.
 //! 2. `steps`: 20 seeds over one step and up a flight: which heights the gait manages.
 //! 3. `shape`: height of the collision shape under soles against the number of its parts; the same
-//!    soles probed in both engines; ground that is not there, penetration, slopes, step edges and
+//!    soles probed in both engines; false support, penetration, slopes, step edges and
 //!    time per step.
 //! 4. `surface`: the collision surface along the courses of `walks` against the true ground, by
 //!    what is highest there.

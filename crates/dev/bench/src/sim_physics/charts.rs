@@ -167,7 +167,7 @@ fn difference(rows: &[Value]) -> Chart {
 }
 
 fn slip(rows: &[Value]) -> Chart {
-    let chart = Chart::new("Bodies dropped from 10 cm: way from where they were dropped")
+    let chart = Chart::new("Bodies dropped from 10 cm: slip")
         .subtitle("the largest on level ground, where none is expected")
         .y_axis(Axis::linear("slip", "mm").include(0.0));
     by_step(rows, chart, |row| {
@@ -178,7 +178,7 @@ fn slip(rows: &[Value]) -> Chart {
 }
 
 fn sink(rows: &[Value]) -> Chart {
-    let chart = Chart::new("Bodies thrown down at 5 m/s: how deep they sink in")
+    let chart = Chart::new("Bodies thrown down at 5 m/s: largest penetration")
         .subtitle("the largest of a box, a ball, a capsule and a stand, below their height at rest")
         .y_axis(Axis::linear("depth", "mm").include(0.0));
     by_step(rows, chart, |row| {
@@ -188,7 +188,7 @@ fn sink(rows: &[Value]) -> Chart {
 }
 
 fn false_support(rows: &[Value]) -> Chart {
-    let chart = Chart::new("Collision shape: ground that is not there, against its parts")
+    let chart = Chart::new("Collision shape: false support, against its parts")
         .subtitle(
             "share of places near footsteps that hold a foot of 4 cm where the truth has none",
         )
