@@ -326,6 +326,10 @@ config! {
         pub max_approach_s: f64 = 0.2,
         /// Maximum speed of an approach, m/s.
         pub max_speed: f64 = 6.0,
+        /// Height of the heel, against that at rest, up to which it may slide on the ground, m.
+        pub slide_height_m: f64 = 0.006,
+        /// Displacements of the heel along the ground that may be those of a slide, m.
+        pub slide_m: [f64; 2] = [0.015, 0.2],
         /// Share of a stride by which a foot bears longer than that of people at the same speed.
         pub bearing_share: [f64; 3] = [0.0, 0.027, 0.01],
         /// Share of a stride after which the heel lifts.

@@ -7,7 +7,8 @@
 //! come from the toe where frames show it leave, and from the strike of the other foot, see
 //! `events/lift.rs`. What is typical of the wearer's steps is learned from those that are seen
 //! well, and then used for the others. So is how the trunk moves around a strike, see
-//! `events/trunk.rs`. Where no frame shows either foot, see `events/unseen.rs`, neither does the
+//! `events/trunk.rs`. A strike after which the foot may have slid is less certain, see
+//! `events/slide.rs`. Where no frame shows either foot, see `events/unseen.rs`, neither does the
 //! gait say anything: an event may have been at any time in it.
 
 use crate::config::EventConfig;
@@ -18,6 +19,7 @@ use crate::stance::Stance;
 mod distance;
 mod lift;
 mod rhythm;
+mod slide;
 mod strike;
 mod times;
 mod trunk;
@@ -25,6 +27,7 @@ mod unseen;
 
 use self::lift::{Lift, LiftHabit, Strikes, bearing_share, lift};
 use self::rhythm::{Step, rhythm};
+use self::slide::with_slide;
 use self::strike::{Strike, StrikeHabit, strike};
 pub use self::trunk::RigHeights;
 use self::trunk::TrunkHabit;
@@ -87,19 +90,18 @@ pub fn contacts(
     let habit = generic.learned(lifts(&strikes, &generic).iter().flatten(), config);
     let lifts = lifts(&strikes, &habit);
     [0, 1].map(|side| {
-        let parts = feet[side]
-            .stances
-            .iter()
-            .zip(&strikes[side])
-            .zip(&lifts[side]);
-        let contact = |((stance, strike), lift): ((&Stance, &Strike), &Lift)| Contact {
-            stance: stance.clone(),
-            heel_strike: strike.heel_strike,
-            foot_flat: strike.foot_flat,
-            heel_off: lift.heel_off,
-            toe_off: lift.toe_off,
+        let foot = &feet[side];
+        let contact = |(k, stance): (usize, &Stance)| {
+            let (strike, lift) = (&strikes[side][k], &lifts[side][k]);
+            Contact {
+                stance: stance.clone(),
+                heel_strike: with_slide(strike.heel_strike, foot, k, config),
+                foot_flat: with_slide(strike.foot_flat, foot, k, config),
+                heel_off: lift.heel_off,
+                toe_off: lift.toe_off,
+            }
         };
-        parts.map(contact).collect()
+        foot.stances.iter().enumerate().map(contact).collect()
     })
 }
 

@@ -59,7 +59,7 @@ impl Stage<Input> for FeetStage {
     }
 
     fn version(&self) -> u32 {
-        7
+        8
     }
 
     fn inputs(&self) -> &'static [&'static str] {
