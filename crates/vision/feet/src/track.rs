@@ -80,10 +80,13 @@ pub fn foot_poses(
         let Some(after) = foot.contacts.get(k + 1) else {
             continue;
         };
+        let between = until(rest_s(after)[0], next);
+        if between.is_empty() {
+            continue;
+        }
         let Some(swing) = Swing::new(foot, [contact, after], habit, config) else {
             continue;
         };
-        let between = until(rest_s(after)[0], next);
         next = between.end;
         let between = &times_ns[between];
         let times_s: Vec<f64> = between.iter().map(|ns| seconds(*ns)).collect();

@@ -40,8 +40,8 @@ pub(super) fn run(inputs: &Inputs, ground: &TerrainMesh) -> Result<StageOutputs>
         &findings,
     );
     Ok(StageOutputs {
-        contacts: found.contacts,
-        poses: found.poses,
+        contacts: found.contacts(),
+        poses: found.poses().collect(),
         losses: findings.into_report().losses,
         detections: detections.len(),
     })

@@ -88,17 +88,27 @@ pub struct FootPose {
 ///
 /// # Errors
 /// [`BundleError::Refused`] if they are not sorted, [`BundleError::Io`].
-pub fn write(draft: &Draft, poses: &[FootPose], causal: &[FootPose]) -> Result<(), BundleError> {
+pub fn write(
+    draft: &Draft,
+    poses: impl IntoIterator<Item = FootPose>,
+    causal: impl IntoIterator<Item = FootPose>,
+) -> Result<(), BundleError> {
     write_table(draft, TABLE, poses)?;
     write_table(draft, CAUSAL_TABLE, causal)
 }
 
-fn write_table(draft: &Draft, name: &str, poses: &[FootPose]) -> Result<(), BundleError> {
-    if let Some((_, found)) = unsorted(poses) {
-        return Err(refused(draft, name, found, SORTED));
-    }
+fn write_table(
+    draft: &Draft,
+    name: &str,
+    poses: impl IntoIterator<Item = FootPose>,
+) -> Result<(), BundleError> {
     let mut table = TableWriter::create(draft, name, &COLUMNS)?;
+    let mut last = None;
     for pose in poses {
+        if let Some(found) = last.and_then(|last| unsorted(&last, &pose)) {
+            return Err(refused(draft, name, found, SORTED));
+        }
+        last = Some(pose);
         table.row(|row| {
             row.u8(foot_code(pose.foot));
             row.i64(pose.time_ns);
@@ -140,22 +150,20 @@ fn read_table(reader: &OutputReader, name: &str) -> Result<Vec<FootPose>, Bundle
         })
     });
     let poses: Vec<FootPose> = poses.collect::<Result<_, _>>()?;
-    match unsorted(&poses) {
-        Some((row, found)) => Err(malformed(path, format!("row {row}"), found, SORTED)),
-        None => Ok(poses),
+    for (row, pair) in (1..).zip(poses.windows(2)) {
+        if let Some(found) = unsorted(&pair[0], &pair[1]) {
+            return Err(malformed(path, format!("row {row}"), found, SORTED));
+        }
     }
+    Ok(poses)
 }
 
 const SORTED: &str = "poses sorted by foot and time, each once";
 
-/// The first row that is not behind the one before, and both keys.
-fn unsorted(poses: &[FootPose]) -> Option<(usize, String)> {
-    let key = |pose: &FootPose| (pose.foot, pose.time_ns);
-    let row = 1 + poses
-        .windows(2)
-        .position(|pair| key(&pair[0]) >= key(&pair[1]))?;
-    let found = format!("{:?} before {:?}", key(&poses[row - 1]), key(&poses[row]));
-    Some((row, found))
+/// What is found where a pose does not follow the one before.
+fn unsorted(before: &FootPose, pose: &FootPose) -> Option<String> {
+    let [before, own] = [before, pose].map(|pose| (pose.foot, pose.time_ns));
+    (before >= own).then(|| format!("{before:?} before {own:?}"))
 }
 
 /// A row, or what was found and expected.

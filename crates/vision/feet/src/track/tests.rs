@@ -102,6 +102,10 @@ fn hidden_swings_are_bridged_with_honest_covariance() {
     let times: Vec<i64> = (150..1000).map(|n| n * 10_000_000).collect();
     let poses = foot_poses(&foot, &habit, &times, &config.swing);
     assert_eq!(poses.len(), times.len());
+    // A pose does not depend on the times of others: long walks are computed in parts.
+    let in_parts = times.chunks(37);
+    let in_parts = in_parts.flat_map(|part| foot_poses(&foot, &habit, part, &config.swing));
+    assert!(in_parts.eq(poses.iter().copied()));
     let (mut squares, mut nees, mut count, mut within) = (0.0, 0.0, 0.0, 0.0);
     for pose in &poses {
         let t = 1e-9 * pose.time_ns as f64;

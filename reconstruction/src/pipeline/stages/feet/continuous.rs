@@ -1,5 +1,7 @@
 //! A trajectory without its jumps, and transforms from places by it to those with them.
 
+use std::borrow::Cow;
+
 use ::feet::checks::Jump;
 use ::feet::events::Contact;
 use cad_transforms::RigidTransform;
@@ -7,14 +9,14 @@ use nalgebra::Vector3;
 use scene_bundle::{Pose, Trajectory};
 
 /// A trajectory whose poses after jumps are displaced so that feet at rest are not.
-pub(super) struct Continuous {
-    pub(super) trajectory: Trajectory,
+pub(super) struct Continuous<'a> {
+    pub(super) trajectory: Cow<'a, Trajectory>,
     /// Time of the first pose after each jump, ns, and its displacement, m.
     jumps: Vec<(i64, Vector3<f64>)>,
 }
 
-impl Continuous {
-    pub(super) fn new(trajectory: &Trajectory, jumps: &[Jump]) -> Self {
+impl<'a> Continuous<'a> {
+    pub(super) fn new(trajectory: &'a Trajectory, jumps: &[Jump]) -> Self {
         let poses = trajectory.poses();
         let after = |jump: &Jump| {
             let shift = Vector3::from(jump.shift_m);
@@ -29,17 +31,20 @@ impl Continuous {
             let step = largest.or(steps.next())?;
             Some((poses[step].time_ns, shift))
         };
-        let jumps = jumps.iter().filter_map(after).collect();
         let mut own = Self {
-            trajectory: Trajectory::default(),
-            jumps,
+            trajectory: Cow::Borrowed(trajectory),
+            jumps: jumps.iter().filter_map(after).collect(),
         };
+        if !own.has_jumps() {
+            return own;
+        }
         let moved = poses.iter().map(|pose| Pose {
             world_from_rig: own.back(pose.time_ns).inverse() * pose.world_from_rig,
             ..*pose
         });
-        let moved = Trajectory::new(moved.collect());
-        own.trajectory = moved.unwrap_or_else(|_| trajectory.clone());
+        if let Ok(moved) = Trajectory::new(moved.collect()) {
+            own.trajectory = Cow::Owned(moved);
+        }
         own
     }
 

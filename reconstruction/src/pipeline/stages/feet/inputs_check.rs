@@ -26,11 +26,11 @@ use crate::pipeline::Findings;
 const ROUNDS: usize = 4;
 
 /// The trajectory without jumps that feet at rest show, which are reported.
-pub(super) fn without_jumps(
+pub(super) fn without_jumps<'a>(
     work: &Findings,
-    trajectory: &Trajectory,
+    trajectory: &'a Trajectory,
     observed: &FootTracks,
-) -> Continuous {
+) -> Continuous<'a> {
     let [left, right] = &observed.poses;
     let stance = GaitConfig::default().stance;
     let jumps = jumps([left, right], &stance, &JumpConfig::default());

@@ -1,20 +1,29 @@
 //! What the stage reports of feet.
 
+use std::collections::BTreeMap;
+
 use ::feet::checks::{slides, unseen_intervals};
-use ::feet::events::Contact;
 use ::feet::swing::SoleEdges;
 use ::feet::track::FootContacts;
 use ::feet::{FootConfig, SlideConfig};
 use cad_transforms::rig::Foot;
-use scene_bundle::outputs::feet::{FootPose, FootStatus};
+use scene_bundle::outputs::contacts::FootContact;
+use scene_bundle::outputs::feet::FootStatus;
 
 use crate::pipeline::Findings;
 
-pub(super) fn report(work: &Findings, contacts: &[Vec<Contact>; 2], poses: &[FootPose]) {
-    let [left, right] = contacts.each_ref().map(Vec::len);
-    let share = |statuses: &[FootStatus]| {
-        let count = poses.iter().filter(|pose| statuses.contains(&pose.status));
-        100.0 * count.count() as f64 / poses.len().max(1) as f64
+/// Notes how many contacts were found, and how poses are known, by the number of each status.
+pub(super) fn report_poses(
+    work: &Findings,
+    contacts: &[FootContact],
+    statuses: &BTreeMap<FootStatus, u64>,
+) {
+    let [left, right] =
+        Foot::ALL.map(|foot| contacts.iter().filter(|own| own.foot == foot).count());
+    let all: u64 = statuses.values().sum();
+    let share = |counted: &[FootStatus]| {
+        let count = counted.iter().filter_map(|own| statuses.get(own));
+        100.0 * count.sum::<u64>() as f64 / all.max(1) as f64
     };
     work.note(format!(
         "{left} contacts of the left foot and {right} of the right one; poses: {:.0} % observed, \
