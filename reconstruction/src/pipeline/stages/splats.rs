@@ -88,7 +88,7 @@ impl Stage<Input> for SplatsStage {
     }
 
     fn version(&self) -> u32 {
-        5
+        6
     }
 
     fn inputs(&self) -> &'static [&'static str] {

@@ -29,6 +29,8 @@ struct Loss {
 @group(0) @binding(7) var<storage, read_write> by: array<f32>;
 
 const RADIUS: u32 = 5u;
+// Smallest value of 8 bits at which a sensor saturates.
+const SATURATED: u32 = 254u;
 const C1: f32 = 1e-4;
 const C2: f32 = 9e-4;
 
@@ -46,10 +48,20 @@ fn rendered(pixel: u32, channel: u32) -> f32 {
     return image[channel * pixels() + pixel];
 }
 
-// The recorded color; where it may not be used the rendered one.
+fn recorded_value(pixel: u32, channel: u32) -> u32 {
+    return (recorded[pixel] >> (8u * channel)) & 255u;
+}
+
+// Whether the rendered color is above a saturated one, which bounds it from below only.
+fn exceeds(pixel: u32, channel: u32) -> bool {
+    let value = recorded_value(pixel, channel);
+    return value >= SATURATED && rendered(pixel, channel) > f32(value) / 255.0;
+}
+
+// The recorded color; where it may not be used or is exceeded the rendered one.
 fn target_of(pixel: u32, channel: u32) -> f32 {
-    if (is_valid(pixel)) {
-        return f32((recorded[pixel] >> (8u * channel)) & 255u) / 255.0;
+    if (is_valid(pixel) && !exceeds(pixel, channel)) {
+        return f32(recorded_value(pixel, channel)) / 255.0;
     }
     return rendered(pixel, channel);
 }
@@ -238,6 +250,9 @@ fn add_derivatives(@builtin(global_invocation_id) id: vec3<u32>) {
         return;
     }
     for (var c = 0u; c < 3u; c++) {
+        if (exceeds(pixel, c)) {
+            continue;
+        }
         let by_mean = blur_down(3u * c, id.xy);
         let by_square = blur_down(3u * c + 1u, id.xy);
         let by_product = blur_down(3u * c + 2u, id.xy);

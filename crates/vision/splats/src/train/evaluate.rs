@@ -14,8 +14,8 @@ pub struct Evaluation {
     /// Mean structural similarity of each view over usable pixels, as in the loss: a window of
     /// 11x11 pixels with a standard deviation of 1.5, zero beyond the image.
     pub ssim: Vec<f64>,
-    /// Median over the pixels of all views of the relative error of the median depth, where both
-    /// are known; NaN without depths.
+    /// Median over the pixels of all views with a depth of the relative error of the median depth,
+    /// at most 1, and 1 where the image has none; NaN without depths.
     pub depth_error: f64,
 }
 
@@ -65,6 +65,9 @@ impl Evaluation {
 /// Peak signal-to-noise ratio of an image against a view, dB: `10 log₁₀(1 / MSE)` over usable
 /// pixels, the image clamped to 0 to 1 and rounded to 8 bits. At most that of one wrong step of 8
 /// bits in a tenth of the values.
+///
+/// # Panics
+/// If the view has a smaller buffer of colors than the image.
 pub fn psnr_db(image: &Image, view: &TrainingView) -> f64 {
     let mut sum = 0_u64;
     for (c, plane) in image.rgb.iter().enumerate() {
@@ -81,9 +84,47 @@ pub fn psnr_db(image: &Image, view: &TrainingView) -> f64 {
     10.0 * libm::log10(255.0 * 255.0 / mean.max(0.1))
 }
 
+/// Errors of the usable pixels with a depth. A hole of the scene is an error of 1.
 fn depth_errors(image: &Image, view: &TrainingView) -> impl Iterator<Item = f32> {
     let usable = |pixel: usize| view.mask.get(pixel).copied().unwrap_or(true);
     let both = image.median_depth_m.iter().zip(&view.depth_m).enumerate();
-    both.filter(move |(pixel, (z, d))| usable(*pixel) && z.is_finite() && **d > 0.0)
-        .map(|(_, (z, d))| (z - d).abs() / d)
+    both.filter(move |(pixel, (_, d))| usable(*pixel) && **d > 0.0)
+        .map(|(_, (z, d))| match z.is_finite() {
+            true => ((z - d).abs() / d).min(1.0),
+            false => 1.0,
+        })
+}
+
+#[cfg(test)]
+mod tests {
+    use cad_transforms::RigidTransform;
+    use camera_models::{CameraModel, Distortion};
+
+    use super::*;
+    use crate::camera::Camera;
+    use crate::config::RenderConfig;
+    use crate::scene::{Background, Splat, Splats};
+
+    #[test]
+    fn holes_of_the_scene_are_errors_of_depth() {
+        let model = CameraModel::new((32, 32), [30.0, 30.0, 15.5, 15.5], Distortion::None);
+        let camera = Camera::new(model, RigidTransform::identity()).unwrap();
+        let mut view = TrainingView::new(camera, vec![0; 3 * 32 * 32], 0);
+        view.depth_m = vec![2.0; 32 * 32];
+        view.depth_sigma_m = vec![0.01; 32 * 32];
+        let mut splats = Splats::empty(0).unwrap();
+        let mut ball = Splat::sphere(0.1, [0.5; 3]);
+        (ball.position_m, ball.opacity_logit) = ([0.0, 0.0, 2.0], 4.0);
+        splats.push(&ball).unwrap();
+        let background = Background::Constant([0.0; 3]);
+        let scene = Scene { splats, background };
+        let renderer = Renderer::new(RenderConfig::default()).unwrap();
+        let error = |view| Evaluation::new(&renderer, &scene, &[view]).depth_error;
+        // The ball covers few pixels.
+        assert_eq!(error(view.clone()), 1.0);
+        view.mask = (0..32 * 32)
+            .map(|i| (14..18).contains(&(i % 32)) && (14..18).contains(&(i / 32)))
+            .collect();
+        assert!(error(view) < 0.01);
+    }
 }

@@ -2,7 +2,8 @@
 //!
 //! Photometric: `(1 - w) L1 + w (1 - SSIM)`, a mean over usable pixels and channels (Kerbl et al.
 //! 2023). Pixels that may not be used take the rendered color as their target and get no gradient,
-//! so that a mask has no visible border. Depth: with `e = (1/z - 1/d) d² / σ`, which is the error
+//! so that a mask has no visible border; likewise saturated values that the rendered color exceeds,
+//! which bound it from below only. Depth: with `e = (1/z - 1/d) d² / σ`, which is the error
 //! in sigmas, `δ² (√(1 + e²/δ²) - 1)` where accumulated alpha is above a half, as a mean over the
 //! same pixels.
 
@@ -14,6 +15,9 @@ use super::config::LossConfig;
 use super::view::TrainingView;
 use crate::lanes::Level;
 use crate::render::{Image, ImageGradient};
+
+/// Smallest value of 8 bits at which a sensor saturates.
+const SATURATED: u8 = 254;
 
 /// A loss with its gradient.
 #[derive(Clone, Debug, Default)]
@@ -47,8 +51,8 @@ pub(super) fn loss(
         let mut target = Vec::with_capacity(pixels);
         let mut gradient = Vec::with_capacity(pixels);
         for (pixel, x) in rendered.iter().enumerate() {
-            let y = match valid(pixel) {
-                true => f32::from(view.rgb[3 * pixel + c]) / 255.0,
+            let y = match valid(pixel) && !exceeds(*x, view.rgb[3 * pixel + c]) {
+                true => color(view.rgb[3 * pixel + c]),
                 false => *x,
             };
             let r = x - y;
@@ -77,6 +81,13 @@ pub(super) fn loss(
             &mut out.gradient.rgb,
         );
         out.ssim = sum / (3.0 * count);
+        for (c, gradient) in out.gradient.rgb.iter_mut().enumerate() {
+            for (pixel, gradient) in gradient.iter_mut().enumerate() {
+                if exceeds(image.rgb[c][pixel], view.rgb[3 * pixel + c]) {
+                    *gradient = 0.0;
+                }
+            }
+        }
     }
     if depth_weight > 0.0 && !view.depth_m.is_empty() {
         out.depth = depth(image, view, config, depth_weight, count, &mut out.gradient);
@@ -86,6 +97,15 @@ pub(super) fn loss(
         + ssim_weight * (1.0 - out.ssim)
         + f64::from(depth_weight) * out.depth;
     out
+}
+
+fn color(recorded: u8) -> f32 {
+    f32::from(recorded) / 255.0
+}
+
+/// Whether a rendered color is above a saturated one.
+fn exceeds(rendered: f32, recorded: u8) -> bool {
+    recorded >= SATURATED && rendered > color(recorded)
 }
 
 fn depth(

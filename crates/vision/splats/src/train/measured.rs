@@ -72,6 +72,9 @@ impl Sums {
 /// Points at the usable depths of views, at most [`StartConfig::max_points`] of them, in an order
 /// that depends on their positions only.
 ///
+/// # Panics
+/// If a buffer of a view does not fit its image.
+///
 /// ```
 /// use cad_transforms::RigidTransform;
 /// use camera_models::{CameraModel, Distortion};

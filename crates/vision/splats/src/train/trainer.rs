@@ -239,6 +239,9 @@ impl Trainer {
     }
 
     /// Compares the scene with views, at their given poses and exposures.
+    ///
+    /// # Panics
+    /// If a buffer of a view does not fit its image.
     pub fn evaluate(&self, views: &[TrainingView]) -> Evaluation {
         Evaluation::new(&self.renderer, &self.scene, views)
     }

@@ -60,7 +60,7 @@ fn case(mask: bool) -> (Image, TrainingView) {
     let pixels = camera.pixels();
     let value = |k: u64, i: usize| counter_random::uniform(3, k, i as u64);
     let rgb = (0..3 * pixels)
-        .map(|i| (value(0, i) * 255.0) as u8)
+        .map(|i| (value(0, i) * 253.0) as u8)
         .collect();
     let mut view = TrainingView::new(camera, rgb, 0);
     let mut image = Image {
@@ -134,6 +134,41 @@ fn loss_and_gradient_equal_the_definition() {
             );
         }
     }
+}
+
+#[test]
+fn saturated_values_bound_the_color_from_below() {
+    let (mut image, mut view) = case(false);
+    // Blocks of values of red that are exceeded, reached, and not reached.
+    let block = |row: usize| (row * 45..row * 45 + 12).collect::<Vec<usize>>();
+    for (row, value) in [(4, 1.3), (14, 1.01), (24, 0.6)] {
+        for pixel in block(row) {
+            view.rgb[3 * pixel] = 255;
+            image.rgb[0][pixel] = value;
+        }
+    }
+    let config = LossConfig::default();
+    let at = |image: &Image, view: &TrainingView| loss(image, view, &config, 0.0, Level::best());
+    let found = at(&image, &view);
+    let red = |row: usize| block(row).into_iter().map(|p| found.gradient.rgb[0][p]);
+    assert!(red(4).chain(red(14)).all(|gradient| gradient == 0.0));
+    assert!(red(24).sum::<f32>() < 0.0);
+    assert!(block(4).iter().all(|p| found.gradient.rgb[1][*p] != 0.0));
+    // Elsewhere the gradient is that of a target that equals the rendered color.
+    let wide: [Vec<f64>; 3] =
+        std::array::from_fn(|c| image.rgb[c].iter().map(|v| f64::from(*v)).collect());
+    let pixel = 6 * 45 + 5;
+    let change = |h: f64| {
+        let mut moved = image.clone();
+        moved.rgb[0][pixel] = (wide[0][pixel] + h) as f32;
+        at(&moved, &view).total
+    };
+    let expected = (change(1e-3) - change(-1e-3)) / 2e-3;
+    let gradient = f64::from(found.gradient.rgb[0][pixel]);
+    assert!(
+        (gradient - expected).abs() < 0.02 * expected.abs(),
+        "{gradient} {expected}"
+    );
 }
 
 #[test]
