@@ -1,7 +1,8 @@
 //! Strikes of feet that may have slid on the ground before they rest.
 //!
-//! Contract: a heel that is as high as where it then rests, but elsewhere, comes down flatly, or has
-//! struck and slides. Frames do not tell which, so that the strike may have been at any time since.
+//! Contract: a heel that is as high as where it then rests, but elsewhere, comes down flatly, or
+//! has struck and slides. Frames do not tell which, so that the strike may have been at any time
+//! since.
 
 use nalgebra::Vector3;
 

@@ -132,7 +132,7 @@ pub fn feet<'a>(
 
 impl Feet<'_> {
     /// Whether a tag was seen: otherwise there are neither contacts nor poses.
-    pub fn are_seen(&self) -> bool {
+    pub(super) fn are_seen(&self) -> bool {
         self.observed.iter().any(|own| !own.is_empty())
     }
 
@@ -158,7 +158,7 @@ impl Feet<'_> {
     }
 
     /// The same, each from the frames until then.
-    pub fn causal(&self) -> impl Iterator<Item = FootPose> {
+    pub(super) fn causal(&self) -> impl Iterator<Item = FootPose> {
         let config = GaitConfig::default();
         self.seen_feet().flat_map(move |k| {
             let foot = Foot::ALL[k];
