@@ -17,7 +17,7 @@ use self::recording::Recording;
 use self::row::Row;
 use self::walks::{FeetRig, RIGS, TUNING, WALKS, Walk};
 use crate::odometry::results;
-use crate::stamp;
+use crate::{report, stamp};
 
 mod charts;
 mod detections;
@@ -32,6 +32,8 @@ mod walks;
 
 /// Where images are kept: 90 MB per walk of the example rig, 660 MB of the recommended one.
 const IMAGES: &str = "target/feet";
+
+const FILE: &str = "feet.json";
 
 struct Options {
     quick: bool,
@@ -85,8 +87,8 @@ impl Options {
 /// [--out DIR]`.
 ///
 /// With `--keep` images are kept, and those of earlier runs are not rendered again; with `--kept`
-/// walks of which none are kept are left out. With `--tuning` it runs on the walks that the
-/// estimator is developed with, and writes nothing.
+/// walks of which none are kept are left out. With `--only` results of the other rig are kept. With
+/// `--tuning` it runs on the walks that the estimator is developed with, and writes nothing.
 ///
 /// # Errors
 /// Bad arguments, or an I/O error.
@@ -100,7 +102,7 @@ pub(crate) fn run(args: &[String]) -> Result<()> {
     if !options.walks.is_empty() {
         walks.retain(|walk| options.walks.iter().any(|name| walk.name == name));
     }
-    let mut rows = Vec::new();
+    let mut rows = earlier_rows(&options)?;
     for rig in &RIGS {
         if options.only.as_ref().is_none_or(|only| only == rig.name) {
             let folder = Path::new(IMAGES);
@@ -120,8 +122,22 @@ pub(crate) fn run(args: &[String]) -> Result<()> {
         "rows": rows,
     });
     let mut files = charts::draw(&rows, &stamp::line(&report["stamp"]));
-    files.push(("feet.json".to_owned(), format!("{report:#}\n")));
+    files.push((FILE.to_owned(), format!("{report:#}\n")));
     results::write(&options.out, files)
+}
+
+/// Rows of earlier runs with a rig that is not run now.
+fn earlier_rows(options: &Options) -> Result<Vec<Row>> {
+    let Some(only) = &options.only else {
+        return Ok(Vec::new());
+    };
+    let mut report = report::read(&options.out.join(FILE))?;
+    let Some(rows) = report.remove("rows") else {
+        return Ok(Vec::new());
+    };
+    let mut rows: Vec<Row> = serde_json::from_value(rows).context("reading rows of feet.json")?;
+    rows.retain(|row| row.rig != *only);
+    Ok(rows)
 }
 
 /// A row for each walk, and rows of all walks in one kind of gait.

@@ -68,7 +68,9 @@ impl Renderer {
             config: &self.config,
             gradient,
         };
-        let mut slots = vec![Slot::default(); pass.bins.pairs()];
+        // In parallel: these are tens of megabytes.
+        let slots = (0..pass.bins.pairs()).into_par_iter();
+        let mut slots: Vec<Slot> = slots.map(|_| Slot::default()).collect();
         let exposures: Vec<[f64; 12]> = pass
             .bins
             .split(&mut slots)

@@ -28,9 +28,9 @@ const MAX_DISTANCE: f64 = 2.0;
 const MIN_FACING: f64 = 0.2;
 
 /// Smallest standard deviation of a pattern, gray levels.
-const MIN_CONTRAST: f64 = 3.0;
+const MIN_CONTRAST: f32 = 3.0;
 
-type Patch = [f64; SAMPLES];
+type Patch = [f32; SAMPLES];
 
 /// Moves each point that has a normal and a pattern, if views agree better elsewhere.
 pub(super) fn refine(points: &mut [StartPoint], sources: &[Source<'_>], config: &StartConfig) {
@@ -66,7 +66,7 @@ fn refined(
         let (mut sum, mut count) = (0.0, 0);
         for view in others {
             if let Some(other) = patch(view, at, [u, v], spacing).and_then(|p| normalized(&p)) {
-                sum += pattern.iter().zip(other).map(|(a, b)| a * b).sum::<f64>();
+                sum += f64::from(pattern.iter().zip(other).map(|(a, b)| a * b).sum::<f32>());
                 count += 1;
             }
         }
@@ -151,7 +151,8 @@ fn along(center: [f64; 3], direction: [f64; 3], by: f64) -> [f64; 3] {
     [0, 1, 2].map(|k| center[k] + by * direction[k])
 }
 
-/// Gray levels of a square around a point.
+/// Gray levels of a square around a point. Within some pixels a projection is affine: three points
+/// are projected, and not each sample.
 fn patch(
     source: &Source<'_>,
     center: [f64; 3],
@@ -159,20 +160,31 @@ fn patch(
     spacing: f64,
 ) -> Option<Patch> {
     let middle = (EDGE / 2) as f64;
+    let (at, _) = source.image_point(center)?;
+    let step = |direction: [f64; 3]| {
+        let (end, _) = source.image_point(along(center, direction, middle * spacing))?;
+        Some([0, 1].map(|k| (end[k] - at[k]) / middle))
+    };
+    let (u, v) = (step(u)?, step(v)?);
+    let pixel = |a: f64, b: f64| [0, 1].map(|k| at[k] + a * u[k] + b * v[k]);
+    let ends = [-middle, middle];
+    let corners = ends.iter().flat_map(|a| ends.map(|b| pixel(*a, b)));
+    if !corners.into_iter().all(|corner| source.has_gray(corner)) {
+        return None;
+    }
     let mut out = [0.0; SAMPLES];
     for (k, value) in out.iter_mut().enumerate() {
-        let [a, b] = [k % EDGE, k / EDGE].map(|i| (i as f64 - middle) * spacing);
-        let at = along(along(center, u, a), v, b);
-        *value = source.gray(at)?;
+        let [a, b] = [k % EDGE, k / EDGE].map(|i| i as f64 - middle);
+        *value = source.gray(pixel(a, b));
     }
     Some(out)
 }
 
 /// Without mean and of length 1; `None` without pattern.
 fn normalized(patch: &Patch) -> Option<Patch> {
-    let count = SAMPLES as f64;
-    let mean = patch.iter().sum::<f64>() / count;
-    let square: f64 = patch.iter().map(|v| (v - mean) * (v - mean)).sum();
+    let count = SAMPLES as f32;
+    let mean = patch.iter().sum::<f32>() / count;
+    let square: f32 = patch.iter().map(|v| (v - mean) * (v - mean)).sum();
     let length = square.sqrt();
     (length >= MIN_CONTRAST * count.sqrt()).then(|| patch.map(|v| (v - mean) / length))
 }

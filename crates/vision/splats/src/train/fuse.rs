@@ -165,7 +165,8 @@ impl<'a> Source<'a> {
         is_seen.then_some(([x as usize, y as usize], depth))
     }
 
-    fn image_point(&self, world: [f64; 3]) -> Option<([f64; 2], f64)> {
+    /// Place in the image, px, and depth of a point; also beyond the image.
+    pub(super) fn image_point(&self, world: [f64; 3]) -> Option<([f64; 2], f64)> {
         let mut point = self.view.camera.camera_from_world().apply(world);
         let mut at = self.lens.project(point)?;
         if let Some(shutter) = self.view.camera.shutter() {
@@ -189,24 +190,26 @@ impl<'a> Source<'a> {
         is_usable && !is_hidden
     }
 
-    /// Gray level at a point, interpolated; `None` beyond the image.
-    pub(super) fn gray(&self, world: [f64; 3]) -> Option<f64> {
-        let ([x, y], _) = self.image_point(world)?;
-        let [width, height] = self.size;
-        let inside = |v: f64, edge: usize| v >= 0.0 && v < (edge - 1) as f64;
-        if !inside(x, width) || !inside(y, height) {
-            return None;
-        }
+    /// Whether there is a gray level at a place in the image, px.
+    pub(super) fn has_gray(&self, at: [f64; 2]) -> bool {
+        // Rounding must not take a place between two others that have one beyond the edge.
+        let inside = |k: usize| at[k] >= 0.0 && at[k] < (self.size[k] - 1) as f64 - 1e-6;
+        inside(0) && inside(1)
+    }
+
+    /// Gray level at a place in the image that [has one](Self::has_gray), interpolated.
+    pub(super) fn gray(&self, [x, y]: [f64; 2]) -> f32 {
         let (column, row) = (x as usize, y as usize);
-        let [a, b] = [x - column as f64, y - row as f64];
-        let gray = |pixel: usize| {
-            let rgb = &self.view.rgb[3 * pixel..3 * pixel + 3];
-            (f64::from(rgb[0]) + 2.0 * f64::from(rgb[1]) + f64::from(rgb[2])) / 4.0
+        let [a, b] = [x - column as f64, y - row as f64].map(|v| v as f32);
+        let first = row * self.size[0] + column;
+        let pair = |first: usize| {
+            let rgb = &self.view.rgb[3 * first..3 * first + 6];
+            let gray = |k: usize| {
+                f32::from(u16::from(rgb[k]) + 2 * u16::from(rgb[k + 1]) + u16::from(rgb[k + 2]))
+            };
+            gray(0) * (1.0 - a) + gray(3) * a
         };
-        let first = row * width + column;
-        let upper = gray(first) * (1.0 - a) + gray(first + 1) * a;
-        let lower = gray(first + width) * (1.0 - a) + gray(first + width + 1) * a;
-        Some(upper * (1.0 - b) + lower * b)
+        0.25 * (pair(first) * (1.0 - b) + pair(first + self.size[0]) * b)
     }
 
     /// Combined depth of a pixel and its standard deviation.
