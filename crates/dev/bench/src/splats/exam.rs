@@ -179,5 +179,6 @@ pub(crate) fn scores(of: &Evaluation) -> Value {
         "worst_db": of.worst_psnr_db(),
         "ssim": of.mean_ssim(),
         "depth_error": of.depth_error,
+        "known_depth_error": of.known_depth_error,
     })
 }

@@ -17,6 +17,8 @@ pub struct Evaluation {
     /// Median over the pixels of all views with a depth of the relative error of the median depth,
     /// at most 1, and 1 where the image has none; NaN without depths.
     pub depth_error: f64,
+    /// The same over those of these pixels at which the image has a depth: holes apart.
+    pub known_depth_error: f64,
 }
 
 impl Evaluation {
@@ -41,23 +43,27 @@ impl Evaluation {
     /// If the buffers of a view do not fit its image.
     pub fn new(renderer: &Renderer, scene: &Scene, views: &[TrainingView]) -> Self {
         let config = LossConfig::default();
-        let (mut psnr, mut ssim, mut errors) = (Vec::new(), Vec::new(), Vec::new());
+        let (mut psnr, mut ssim) = (Vec::new(), Vec::new());
+        let (mut known, mut holes) = (Vec::new(), 0);
         // One after the other: the renderer uses all threads, and memory holds one image.
         for view in views {
             let image = renderer.render(scene, &view.camera, &view.exposure);
             ssim.push(loss(&image, view, &config, 0.0, renderer.level()).ssim);
             psnr.push(psnr_db(&image, view));
-            errors.extend(depth_errors(&image, view));
+            for error in depth_errors(&image, view) {
+                match error {
+                    Some(error) => known.push(error),
+                    None => holes += 1,
+                }
+            }
         }
-        let middle = errors.len() / 2;
-        let depth_error = match errors.is_empty() {
-            true => f64::NAN,
-            false => f64::from(*errors.select_nth_unstable_by(middle, f32::total_cmp).1),
-        };
+        let known_depth_error = median(&mut known);
+        known.extend(std::iter::repeat_n(1.0, holes));
         Self {
             psnr_db: psnr,
             ssim,
-            depth_error,
+            depth_error: median(&mut known),
+            known_depth_error,
         }
     }
 }
@@ -84,15 +90,21 @@ pub fn psnr_db(image: &Image, view: &TrainingView) -> f64 {
     10.0 * libm::log10(255.0 * 255.0 / mean.max(0.1))
 }
 
-/// Errors of the usable pixels with a depth. A hole of the scene is an error of 1.
-fn depth_errors(image: &Image, view: &TrainingView) -> impl Iterator<Item = f32> {
+/// NaN of no values.
+fn median(values: &mut [f32]) -> f64 {
+    let middle = values.len() / 2;
+    match values.is_empty() {
+        true => f64::NAN,
+        false => f64::from(*values.select_nth_unstable_by(middle, f32::total_cmp).1),
+    }
+}
+
+/// Errors of the usable pixels with a depth, at most 1; `None` for a hole of the scene.
+fn depth_errors(image: &Image, view: &TrainingView) -> impl Iterator<Item = Option<f32>> {
     let usable = |pixel: usize| view.mask.get(pixel).copied().unwrap_or(true);
     let both = image.median_depth_m.iter().zip(&view.depth_m).enumerate();
     both.filter(move |(pixel, (_, d))| usable(*pixel) && **d > 0.0)
-        .map(|(_, (z, d))| match z.is_finite() {
-            true => ((z - d).abs() / d).min(1.0),
-            false => 1.0,
-        })
+        .map(|(_, (z, d))| z.is_finite().then(|| ((z - d).abs() / d).min(1.0)))
 }
 
 #[cfg(test)]
@@ -119,12 +131,16 @@ mod tests {
         let background = Background::Constant([0.0; 3]);
         let scene = Scene { splats, background };
         let renderer = Renderer::new(RenderConfig::default()).unwrap();
-        let error = |view| Evaluation::new(&renderer, &scene, &[view]).depth_error;
+        let errors = |view| {
+            let found = Evaluation::new(&renderer, &scene, &[view]);
+            [found.depth_error, found.known_depth_error]
+        };
         // The ball covers few pixels.
-        assert_eq!(error(view.clone()), 1.0);
+        let [whole, known] = errors(view.clone());
+        assert!(whole == 1.0 && known < 0.01, "{whole} {known}");
         view.mask = (0..32 * 32)
             .map(|i| (14..18).contains(&(i % 32)) && (14..18).contains(&(i / 32)))
             .collect();
-        assert!(error(view) < 0.01);
+        assert!(errors(view).into_iter().all(|error| error < 0.01));
     }
 }

@@ -46,7 +46,8 @@ impl Whole<'_> {
     ) -> Result<HeldOutResult, StageError> {
         let renderer = Renderer::new(self.config.render)?;
         let mut result = HeldOutResult::default();
-        let (mut comparisons, mut depth_errors) = (Vec::new(), Vec::new());
+        let mut comparisons = Vec::new();
+        let (mut depth_errors, mut known_depth_errors) = (Vec::new(), Vec::new());
         for (sector, trained) in self.sectors.iter().enumerate() {
             let numbers = &trained.found.held_out;
             if numbers.is_empty() {
@@ -66,23 +67,15 @@ impl Whole<'_> {
                     png: comparison::png(&renderer, &scene, &views[k])?,
                 });
             }
-            if of_sector.depth_error.is_finite() {
-                depth_errors.push([of_sector.depth_error, views.len() as f64]);
-            }
+            let weight = views.len() as f64;
+            depth_errors.push([of_sector.depth_error, weight]);
+            known_depth_errors.push([of_sector.known_depth_error, weight]);
             result.views.extend(numbers);
             result.evaluation.psnr_db.extend(of_sector.psnr_db);
             result.evaluation.ssim.extend(of_sector.ssim);
         }
-        result.evaluation.depth_error = match depth_errors.as_slice() {
-            [[error, _]] => *error,
-            all => {
-                let weights: f64 = all.iter().map(|[_, weight]| weight).sum();
-                all.iter()
-                    .map(|[error, weight]| error * weight)
-                    .sum::<f64>()
-                    / weights
-            }
-        };
+        result.evaluation.depth_error = weighted_mean(&depth_errors);
+        result.evaluation.known_depth_error = weighted_mean(&known_depth_errors);
         result.comparisons = comparison::of_each_camera(comparisons);
         Ok(result)
     }
@@ -141,6 +134,20 @@ fn check_numbers(
          expected {expected} as at its start"
     )
     .into())
+}
+
+/// Mean of those of some values that are known, by weights; that of one value keeps its bits.
+fn weighted_mean(values: &[[f64; 2]]) -> f64 {
+    let known: Vec<&[f64; 2]> = values
+        .iter()
+        .filter(|[value, _]| value.is_finite())
+        .collect();
+    if let [[value, _]] = known[..] {
+        return *value;
+    }
+    let weights: f64 = known.iter().map(|[_, weight]| weight).sum();
+    let sum: f64 = known.iter().map(|[value, weight]| value * weight).sum();
+    sum / weights
 }
 
 #[cfg(test)]

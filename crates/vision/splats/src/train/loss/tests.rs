@@ -60,7 +60,7 @@ fn case(mask: bool) -> (Image, TrainingView) {
     let pixels = camera.pixels();
     let value = |k: u64, i: usize| counter_random::uniform(3, k, i as u64);
     let rgb = (0..3 * pixels)
-        .map(|i| (value(0, i) * 253.0) as u8)
+        .map(|i| (value(0, i) * 255.0) as u8)
         .collect();
     let mut view = TrainingView::new(camera, rgb, 0);
     let mut image = Image {
