@@ -27,7 +27,7 @@ mod unseen;
 
 use self::lift::{Lift, LiftHabit, Strikes, bearing_share, lift};
 use self::rhythm::{Step, rhythm};
-use self::slide::with_slide;
+use self::slide::{slides_since_s, with_slide};
 use self::strike::{Strike, StrikeHabit, strike};
 pub use self::trunk::RigHeights;
 use self::trunk::TrunkHabit;
@@ -93,10 +93,11 @@ pub fn contacts(
         let foot = &feet[side];
         let contact = |(k, stance): (usize, &Stance)| {
             let (strike, lift) = (&strikes[side][k], &lifts[side][k]);
+            let slides_since_s = slides_since_s(foot, k, config);
             Contact {
                 stance: stance.clone(),
-                heel_strike: with_slide(strike.heel_strike, foot, k, config),
-                foot_flat: with_slide(strike.foot_flat, foot, k, config),
+                heel_strike: with_slide(strike.heel_strike, slides_since_s),
+                foot_flat: with_slide(strike.foot_flat, slides_since_s),
                 heel_off: lift.heel_off,
                 toe_off: lift.toe_off,
             }

@@ -81,6 +81,7 @@ pub fn foot_poses(
             continue;
         };
         let between = until(rest_s(after)[0], next);
+        // Long walks are computed in parts, in which most swings have no time.
         if between.is_empty() {
             continue;
         }

@@ -8,10 +8,13 @@ use nalgebra::Vector3;
 
 use crate::config::EventConfig;
 use crate::contact::{Event, FootStances, seconds};
-use crate::stance::FootObservation;
 
 /// Time of the first of the frames before a stance that show its heel on the ground elsewhere, s.
-fn slides_since_s(foot: &FootStances<'_>, index: usize, config: &EventConfig) -> Option<f64> {
+pub(super) fn slides_since_s(
+    foot: &FootStances<'_>,
+    index: usize,
+    config: &EventConfig,
+) -> Option<f64> {
     let stance = &foot.stances[index];
     let heel = [-foot.sole.heel_m, 0.0, 0.0];
     let at_rest = Vector3::from(stance.world_from_foot.apply(heel));
@@ -20,28 +23,25 @@ fn slides_since_s(foot: &FootStances<'_>, index: usize, config: &EventConfig) ->
         .checked_sub(1)
         .map_or(0, |before| foot.stances[before].observations.end);
     let before = from.min(stance.observations.start)..stance.observations.start;
+    let frames = foot.observations[before].iter().rev().map(|own| {
+        let moved = Vector3::from(own.world_from_foot.apply(heel)) - at_rest;
+        (seconds(own.time_ns), moved.xy().norm(), moved.z.abs())
+    });
     let [least_m, largest_m] = config.slide_m;
-    let moved = |own: &FootObservation| Vector3::from(own.world_from_foot.apply(heel)) - at_rest;
-    let frames = foot.observations[before].iter().rev();
-    let on_ground = frames
-        .take_while(|own| first_s - seconds(own.time_ns) < config.max_approach_s)
-        .take_while(|own| moved(own).z.abs() < config.slide_height_m)
-        .take_while(|own| moved(own).xy().norm() < largest_m);
-    let elsewhere = on_ground.filter(|own| moved(own).xy().norm() > least_m);
-    let first = elsewhere.last()?;
-    Some(seconds(first.time_ns))
+    let on_ground = frames.take_while(|(time_s, shift_m, height_m)| {
+        first_s - time_s < config.max_approach_s
+            && *height_m < config.slide_height_m
+            && *shift_m < largest_m
+    });
+    let elsewhere = on_ground.filter(|(_, shift_m, _)| *shift_m > least_m);
+    elsewhere.last().map(|(time_s, ..)| time_s)
 }
 
-/// An event at or after the strike of a stance, as uncertain as that by a slide.
-pub(super) fn with_slide(
-    event: Event,
-    foot: &FootStances<'_>,
-    index: usize,
-    config: &EventConfig,
-) -> Event {
-    let since_s = slides_since_s(foot, index, config).unwrap_or(event.time_s);
+/// An event of a foot that may have slid since a time, s, as uncertain as that.
+pub(super) fn with_slide(event: Event, since_s: Option<f64>) -> Event {
+    let slide_s = since_s.map_or(0.0, |since_s| (event.time_s - since_s).max(0.0));
     Event {
-        sigma_s: event.sigma_s.hypot((event.time_s - since_s).max(0.0)),
+        sigma_s: event.sigma_s.hypot(slide_s),
         ..event
     }
 }
@@ -52,7 +52,7 @@ mod tests {
 
     use super::*;
     use crate::contact::SoleEdges;
-    use crate::stance::Stance;
+    use crate::stance::{FootObservation, Stance};
 
     /// Standard deviation of a strike at 0.28 s, 0.01 s without a slide, of a foot that is 0.02 m
     /// and 0.03 m from its place in two frames before, with its heel this high, m.
@@ -94,14 +94,14 @@ mod tests {
             sigma_s: 0.01,
             is_seen: true,
         };
-        with_slide(strike, &foot, 0, &EventConfig::default()).sigma_s
+        with_slide(strike, slides_since_s(&foot, 0, &EventConfig::default())).sigma_s
     }
 
     #[test]
     fn a_low_heel_elsewhere_may_have_struck_then_and_one_that_comes_down_has_not() {
         // The frame of 0.03 m is the second one.
-        let slid = 0.01_f64.hypot(0.28 - 1.0 / 15.0);
-        assert!((sigma_s(0.002) - slid).abs() < 1e-6);
+        let with_slide_s = 0.01_f64.hypot(0.28 - 1.0 / 15.0);
+        assert!((sigma_s(0.002) - with_slide_s).abs() < 1e-6);
         assert!((sigma_s(0.02) - 0.01).abs() < 1e-12);
     }
 }
