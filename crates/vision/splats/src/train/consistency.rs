@@ -165,11 +165,11 @@ fn patch(
         let (end, _) = source.image_point(along(center, direction, middle * spacing))?;
         Some([0, 1].map(|k| (end[k] - at[k]) / middle))
     };
-    let (u, v) = (step(u)?, step(v)?);
-    let pixel = |a: f64, b: f64| [0, 1].map(|k| at[k] + a * u[k] + b * v[k]);
+    let (by_u, by_v) = (step(u)?, step(v)?);
+    let pixel = |a: f64, b: f64| [0, 1].map(|k| at[k] + a * by_u[k] + b * by_v[k]);
     let ends = [-middle, middle];
-    let corners = ends.iter().flat_map(|a| ends.map(|b| pixel(*a, b)));
-    if !corners.into_iter().all(|corner| source.has_gray(corner)) {
+    let mut corners = ends.iter().flat_map(|a| ends.map(|b| pixel(*a, b)));
+    if !corners.all(|corner| source.has_gray(corner)) {
         return None;
     }
     let mut out = [0.0; SAMPLES];

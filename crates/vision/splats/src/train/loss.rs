@@ -65,6 +65,7 @@ pub(super) fn loss(
             &mut out.gradient.rgb,
         );
         out.ssim = sum / (3.0 * count);
+        // Windows of their neighbors gave them one.
         let bands = Band::of(&mut targets, &mut out.gradient);
         bands.for_each(|band| band.without_exceeded(image, view));
     }
