@@ -13,7 +13,7 @@ use indicatif::ProgressBar;
 use reconstruction::Input;
 use reconstruction::camera_images;
 use reconstruction::pipeline::stages::device::{Device, DeviceName};
-use reconstruction::pipeline::stages::networks::Networks;
+use reconstruction::pipeline::stages::networks::{NetworkFiles, Networks};
 use reconstruction::pipeline::stages::{self, Options, Preset, rig};
 use reconstruction::pipeline::{Observer, Outcome, Selection, Sources, State, stage_timings};
 use rustix::fs::{Mode, OFlags};
@@ -61,6 +61,9 @@ pub(crate) struct Arguments {
     /// A segmentation network; movable objects get no depth (docs/reference/learned.md).
     #[arg(long, value_name = "MODEL.onnx")]
     segmentation_network: Option<PathBuf>,
+    /// An LPIPS network, for the quality of held-out images (docs/reference/learned.md).
+    #[arg(long, value_name = "MODEL.onnx")]
+    lpips_network: Option<PathBuf>,
     /// Preset of the stage splats, instead of that of all stages.
     #[arg(long, value_enum)]
     splat_preset: Option<PresetName>,
@@ -203,10 +206,11 @@ fn reconstruct(arguments: &Arguments, input: &Input) -> Result<ExitCode> {
         preset: arguments.preset.into(),
         splat_preset: arguments.splat_preset.map(Preset::from),
         rig_overrides,
-        networks: Networks::open(
-            arguments.depth_network.as_deref(),
-            arguments.segmentation_network.as_deref(),
-        )?,
+        networks: Networks::open(&NetworkFiles {
+            stereo: arguments.depth_network.as_deref(),
+            segmentation: arguments.segmentation_network.as_deref(),
+            lpips: arguments.lpips_network.as_deref(),
+        })?,
         splat_steps: arguments.splat_steps.map(|steps| steps as usize),
         splat_sector_views: Some(arguments.splat_sector_views as usize),
         device: Device::open(arguments.device.into(), arguments.cpu_fallback)?,

@@ -95,7 +95,7 @@ pub fn pipeline(options: Options) -> Result<Pipeline<Input>, PipelineError> {
             networks: options.networks.clone(),
         }),
         Box::new(cloud::CloudStage {
-            networks: options.networks,
+            networks: options.networks.clone(),
         }),
         Box::new(tags::TagsStage),
         Box::new(terrain::TerrainStage),
@@ -106,6 +106,7 @@ pub fn pipeline(options: Options) -> Result<Pipeline<Input>, PipelineError> {
             steps: options.splat_steps,
             sector_views: options.splat_sector_views,
             device: options.device,
+            networks: options.networks,
             memory_bytes: options.memory_bytes,
         }),
     ];

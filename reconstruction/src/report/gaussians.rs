@@ -172,10 +172,13 @@ fn in_short(record: &SplatScene) -> String {
         || "no image was held out".to_owned(),
         |mean| {
             let count = record.views.iter().filter(|view| view.held_out.is_some());
+            let lpips = mean.lpips;
             format!(
-                "PSNR {:.2} dB and SSIM {:.3} (means) in {} held-out images",
+                "PSNR {:.2} dB{} SSIM {:.3}{} (means) in {} held-out images",
                 mean.psnr_db,
+                if lpips.is_some() { "," } else { " and" },
                 mean.ssim,
+                lpips.map_or(String::new(), |lpips| format!(" and LPIPS {lpips:.3}")),
                 count.count()
             )
         },
@@ -203,8 +206,10 @@ fn in_short(record: &SplatScene) -> String {
 /// Name and caption of a comparison.
 fn names(view: &SplatView) -> (String, String) {
     let quality = view.held_out.map_or(String::new(), |held_out| {
+        let lpips = held_out.lpips;
+        let lpips = lpips.map_or(String::new(), |lpips| format!(", LPIPS {lpips:.3}"));
         format!(
-            ": PSNR {:.2} dB, SSIM {:.3}",
+            ": PSNR {:.2} dB, SSIM {:.3}{lpips}",
             held_out.psnr_db, held_out.ssim
         )
     });

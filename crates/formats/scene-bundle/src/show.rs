@@ -207,7 +207,7 @@ fn facts_of(scene: &Scene, name: &str) -> Result<Value, BundleError> {
             splats::read_sky(&reader, &scene)?;
             let coverage = splats::read_coverage(&reader, &scene)?;
             let held_out = scene.held_out();
-            json!({
+            let mut facts = json!({
                 "gaussians": scene.count(),
                 "sectors": scene.sectors.len(),
                 "degree": scene.degree,
@@ -216,7 +216,11 @@ fn facts_of(scene: &Scene, name: &str) -> Result<Value, BundleError> {
                 "coverage": coverage.is_some(),
                 "held_out_psnr_db": held_out.map(|mean| (mean.psnr_db * 100.0).round() / 100.0),
                 "held_out_ssim": held_out.map(|mean| (mean.ssim * 1e4).round() / 1e4),
-            })
+            });
+            if let Some(lpips) = held_out.and_then(|mean| mean.lpips) {
+                facts["held_out_lpips"] = json!((lpips * 1e4).round() / 1e4);
+            }
+            facts
         }
         outputs::CLOUD => json!({ "points": cloud::read(&reader)?.len() }),
         _ => Value::Null,

@@ -1,4 +1,4 @@
-//! Depth and masks from user-supplied neural networks, through ONNX Runtime
+//! Depth, masks and distances of images from user-supplied neural networks, through ONNX Runtime
 //! (`docs/reference/learned.md`).
 //!
 //! Contract: neither networks nor the library are bundled; [`Runtime::load`] loads the library, and
@@ -10,6 +10,7 @@
 mod error;
 mod image;
 mod input;
+mod lpips;
 mod network;
 mod output;
 mod runtime;
@@ -20,6 +21,7 @@ mod stereo;
 
 pub use error::LearnedError;
 pub use image::ImageView;
+pub use lpips::LpipsNetwork;
 pub use runtime::{RUNTIME_PATH_VARIABLE, Runtime};
 pub use segmentation::{MovableMask, SegmentationNetwork};
 pub use settings::{Enlarge, InputSettings, SegmentationSettings, StereoSettings};

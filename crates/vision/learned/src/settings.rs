@@ -1,8 +1,8 @@
 //! Settings that a network file does not contain: a small TOML file beside it with the same name.
 //!
 //! Contract: missing keys have the defaults documented here; an unknown key is an error, so that a
-//! misspelled one is never ignored. A stereo network needs no file. A segmentation network needs
-//! one, since the meaning of its classes is not in the network.
+//! misspelled one is never ignored. Stereo and LPIPS networks need no file. A segmentation network
+//! needs one, since the meaning of its classes is not in the network.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -99,6 +99,17 @@ pub struct SegmentationSettings {
     pub masked: BTreeMap<String, u32>,
 }
 
+/// Table `[lpips]`. The defaults, and those of `[input]` for it, fit exports of the Python package
+/// `lpips`: colors from -1 to 1, without padding.
+#[derive(Clone, Debug, Default, PartialEq, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub(crate) struct LpipsSettings {
+    /// Name of the input for the recorded image; the first one by default.
+    pub(crate) recorded: Option<String>,
+    /// Name of the output; required if there are several.
+    pub(crate) output: Option<String>,
+}
+
 #[derive(Default, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub(crate) struct StereoFile {
@@ -112,6 +123,42 @@ pub(crate) struct SegmentationFile {
     #[serde(default)]
     pub(crate) input: InputSettings,
     pub(crate) segmentation: SegmentationSettings,
+}
+
+#[derive(Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub(crate) struct LpipsFile {
+    #[serde(with = "LpipsInput")]
+    pub(crate) input: InputSettings,
+    pub(crate) lpips: LpipsSettings,
+}
+
+impl Default for LpipsFile {
+    fn default() -> Self {
+        Self {
+            input: lpips_input(),
+            lpips: LpipsSettings::default(),
+        }
+    }
+}
+
+/// Table `[input]` with the defaults of an LPIPS network.
+#[derive(Deserialize)]
+#[serde(remote = "InputSettings", default = "lpips_input", deny_unknown_fields)]
+struct LpipsInput {
+    white: f32,
+    mean: Vec<f32>,
+    std: Vec<f32>,
+    multiple: usize,
+}
+
+fn lpips_input() -> InputSettings {
+    InputSettings {
+        white: 2.0,
+        mean: vec![1.0; 3],
+        std: Vec::new(),
+        multiple: 1,
+    }
 }
 
 /// Text of a settings file; empty if the file does not exist.
@@ -208,6 +255,20 @@ mod tests {
         assert_eq!(file.stereo, StereoSettings::default());
         file.input.validate(&text("")).unwrap();
         file.stereo.validate(&text("")).unwrap();
+    }
+
+    #[test]
+    fn an_lpips_network_takes_colors_from_minus_1_to_1() {
+        let file: LpipsFile = text("").parse().unwrap();
+        assert_eq!((file.input.white, file.input.multiple), (2.0, 1));
+        let file: LpipsFile = text("[input]\nmultiple = 16\n[lpips]\nrecorded = 'b'")
+            .parse()
+            .unwrap();
+        assert_eq!((file.input.mean, file.input.multiple), (vec![1.0; 3], 16));
+        assert_eq!(file.lpips.recorded.as_deref(), Some("b"));
+        for bad in ["[input]\nwite = 1.0", "[lpips]\nleft = 'a'", "[stereo]"] {
+            assert!(text(bad).parse::<LpipsFile>().is_err(), "{bad}");
+        }
     }
 
     #[test]

@@ -1,5 +1,5 @@
 //! The user's networks: one that replaces the built-in stereo matcher, one that segments movable
-//! objects (`docs/reference/learned.md`).
+//! objects, one that compares held-out images (`docs/reference/learned.md`).
 //!
 //! Contract: they are opened and checked before the first stage. Their hashes are settings of the
 //! stage that uses them, so that another network re-runs it. A program built without the feature
@@ -11,7 +11,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use depth::DisparityMap;
 #[cfg(feature = "onnx")]
-use learned::{LearnedError, Runtime, SegmentationNetwork, StereoNetwork};
+use learned::{LearnedError, LpipsNetwork, Runtime, SegmentationNetwork, StereoNetwork};
 use serde_json::{Value, json};
 #[cfg(feature = "onnx")]
 use session_input::Color;
@@ -33,6 +33,23 @@ pub enum NetworksError {
     Learned(#[from] LearnedError),
 }
 
+/// Files of networks.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct NetworkFiles<'a> {
+    /// Replaces the built-in stereo matcher.
+    pub stereo: Option<&'a Path>,
+    /// Masks what can move.
+    pub segmentation: Option<&'a Path>,
+    /// Compares held-out images with rendered ones.
+    pub lpips: Option<&'a Path>,
+}
+
+impl<'a> NetworkFiles<'a> {
+    fn first(&self) -> Option<&'a Path> {
+        self.stereo.or(self.segmentation).or(self.lpips)
+    }
+}
+
 /// The networks that were given.
 #[derive(Clone, Debug, Default)]
 pub struct Networks {
@@ -40,6 +57,8 @@ pub struct Networks {
     stereo: Option<Arc<Mutex<StereoNetwork>>>,
     #[cfg(feature = "onnx")]
     segmentation: Option<Arc<Mutex<SegmentationNetwork>>>,
+    #[cfg(feature = "onnx")]
+    lpips: Option<Arc<Mutex<LpipsNetwork>>>,
 }
 
 #[cfg(feature = "onnx")]
@@ -48,23 +67,22 @@ impl Networks {
     ///
     /// # Errors
     /// [`NetworksError::Learned`].
-    pub fn open(stereo: Option<&Path>, segmentation: Option<&Path>) -> Result<Self, NetworksError> {
-        if stereo.is_none() && segmentation.is_none() {
-            return Ok(Self::default());
+    pub fn open(files: &NetworkFiles<'_>) -> Result<Self, NetworksError> {
+        match files.first() {
+            Some(_) => Self::open_with(&Runtime::load(None)?, files),
+            None => Ok(Self::default()),
         }
-        Self::open_with(&Runtime::load(None)?, stereo, segmentation)
     }
 
-    fn open_with(
-        runtime: &Runtime,
-        stereo: Option<&Path>,
-        segmentation: Option<&Path>,
-    ) -> Result<Self, NetworksError> {
-        let stereo = stereo.map(|file| StereoNetwork::open(runtime, file));
+    fn open_with(runtime: &Runtime, files: &NetworkFiles<'_>) -> Result<Self, NetworksError> {
+        let stereo = files.stereo.map(|file| StereoNetwork::open(runtime, file));
+        let segmentation = files.segmentation;
         let segmentation = segmentation.map(|file| SegmentationNetwork::open(runtime, file));
+        let lpips = files.lpips.map(|file| LpipsNetwork::open(runtime, file));
         Ok(Self {
             stereo: stereo.transpose()?.map(|n| Arc::new(Mutex::new(n))),
             segmentation: segmentation.transpose()?.map(|n| Arc::new(Mutex::new(n))),
+            lpips: lpips.transpose()?.map(|n| Arc::new(Mutex::new(n))),
         })
     }
 
@@ -80,6 +98,11 @@ impl Networks {
                 .as_deref()
                 .map(|n| lock(n).hash().to_owned())
         )
+    }
+
+    /// Hash of the LPIPS network.
+    pub(super) fn lpips_hash(&self) -> Value {
+        json!(self.lpips.as_deref().map(|n| lock(n).hash().to_owned()))
     }
 
     /// Disparities of a rectified pair, if there is a stereo network.
@@ -104,6 +127,27 @@ impl Networks {
         };
         Ok(Some(lock(network).run(&image)?.movable))
     }
+
+    /// Whether there is an LPIPS network.
+    pub(super) fn has_lpips(&self) -> bool {
+        self.lpips.is_some()
+    }
+
+    /// LPIPS of a recorded and a rendered image, red, green and blue of each pixel, if there is a
+    /// network for it.
+    pub(super) fn lpips(
+        &self,
+        [width, height]: [usize; 2],
+        recorded: &[u8],
+        rendered: &[u8],
+    ) -> Result<Option<f64>, StageError> {
+        let Some(network) = self.lpips.as_deref() else {
+            return Ok(None);
+        };
+        let recorded = learned::ImageView::rgb(width, height, recorded)?;
+        let rendered = learned::ImageView::rgb(width, height, rendered)?;
+        Ok(Some(lock(network).run(&recorded, &rendered)?))
+    }
 }
 
 #[cfg(feature = "onnx")]
@@ -117,8 +161,8 @@ impl Networks {
     ///
     /// # Errors
     /// [`NetworksError::NotBuilt`].
-    pub fn open(stereo: Option<&Path>, segmentation: Option<&Path>) -> Result<Self, NetworksError> {
-        match stereo.or(segmentation) {
+    pub fn open(files: &NetworkFiles<'_>) -> Result<Self, NetworksError> {
+        match files.first() {
             Some(file) => Err(NetworksError::NotBuilt(file.display().to_string())),
             None => Ok(Self::default()),
         }
@@ -147,6 +191,26 @@ impl Networks {
     pub(super) fn movable(&self, _image: &Image) -> Result<Option<Vec<bool>>, StageError> {
         Ok(None)
     }
+
+    /// Null.
+    pub(super) fn lpips_hash(&self) -> Value {
+        json!(null)
+    }
+
+    /// False.
+    pub(super) fn has_lpips(&self) -> bool {
+        false
+    }
+
+    /// None.
+    pub(super) fn lpips(
+        &self,
+        _size: [usize; 2],
+        _recorded: &[u8],
+        _rendered: &[u8],
+    ) -> Result<Option<f64>, StageError> {
+        Ok(None)
+    }
 }
 
 /// The writer of small networks that the tests of `learned` use.
@@ -164,6 +228,37 @@ mod onnx;
 #[path = "../../../../crates/vision/learned/tests/it/library.rs"]
 mod library;
 
+/// An LPIPS network for tests: the mean square of differences of colors from -1 to 1.
+#[cfg(all(test, feature = "onnx"))]
+fn mean_square(folder: &Path) -> std::path::PathBuf {
+    let color: [i64; 4] = [1, 3, -1, -1];
+    let axes = onnx::Attribute::Values("axes", &[1, 2, 3]);
+    onnx::Graph::default()
+        .input("a", onnx::F32, &color)
+        .input("b", onnx::F32, &color)
+        .output("out", onnx::F32, &[1, 1, 1, 1])
+        .node("Sub", &["a", "b"], "difference", &[])
+        .node("Mul", &["difference", "difference"], "square", &[])
+        .node("ReduceMean", &["square"], "out", &[axes])
+        .write(folder, "lpips.onnx")
+}
+
+/// No network but [`mean_square`]; `None` without ONNX Runtime.
+#[cfg(test)]
+pub(super) fn only_mean_square() -> Option<Networks> {
+    #[cfg(feature = "onnx")]
+    if let Some(runtime) = library::runtime() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let lpips = mean_square(folder.path());
+        let files = NetworkFiles {
+            lpips: Some(&lpips),
+            ..NetworkFiles::default()
+        };
+        return Some(Networks::open_with(&runtime, &files).expect("a network"));
+    }
+    None
+}
+
 #[cfg(test)]
 mod tests {
     #[cfg(feature = "onnx")]
@@ -172,7 +267,7 @@ mod tests {
 
     #[test]
     fn without_networks_there_are_no_results() {
-        let networks = Networks::open(None, None).expect("nothing");
+        let networks = Networks::open(&NetworkFiles::default()).expect("nothing");
         let [left, right] = [rectified(&[0; 6]), rectified(&[0; 6])];
         assert!(networks.disparity(left, right).expect("none").is_none());
         assert!(
@@ -183,6 +278,9 @@ mod tests {
         );
         assert_eq!(networks.stereo_hash(), Value::Null);
         assert_eq!(networks.segmentation_hash(), Value::Null);
+        let lpips = networks.lpips([1, 1], &[0; 3], &[0; 3]);
+        assert_eq!(lpips.expect("none"), None);
+        assert_eq!(networks.lpips_hash(), Value::Null);
     }
 
     fn rectified(pixels: &[u8; 6]) -> depth::ImageView<'_> {
@@ -200,11 +298,14 @@ mod tests {
 
     #[test]
     fn a_network_that_cannot_be_used_is_an_error() {
-        for (stereo, segmentation) in [
-            (Some(Path::new("a.onnx")), None),
-            (None, Some(Path::new("a.onnx"))),
-        ] {
-            let error = Networks::open(stereo, segmentation).expect_err("no such network");
+        let file = Some(Path::new("a.onnx"));
+        for given in 0..3 {
+            let files = NetworkFiles {
+                stereo: file.filter(|_| given == 0),
+                segmentation: file.filter(|_| given == 1),
+                lpips: file.filter(|_| given == 2),
+            };
+            let error = Networks::open(&files).expect_err("no such network");
             let said = error.to_string();
             let without = said.ends_with("--features onnx`: a.onnx");
             assert_eq!(without, cfg!(not(feature = "onnx")), "{said}");
@@ -247,8 +348,16 @@ mod tests {
             "segmentation = { enlarge = 'nearest', masked = { person = 1 } }",
         )
         .expect("settings");
-        let networks =
-            Networks::open_with(&runtime, Some(&stereo), Some(&segmentation)).expect("both");
+        let lpips = mean_square(folder.path());
+        let files = NetworkFiles {
+            stereo: Some(&stereo),
+            segmentation: Some(&segmentation),
+            lpips: Some(&lpips),
+        };
+        let networks = Networks::open_with(&runtime, &files).expect("all");
+        let lpips = networks.lpips([2, 1], &[0, 0, 0, 255, 255, 255], &[0; 6]);
+        assert_eq!(lpips.expect("ran"), Some(2.0));
+        assert_ne!(networks.lpips_hash(), Value::Null);
         let (left, right) = ([9, 9, 9, 0, 9, 9], [9, 8, 7, 0, 9, 9]);
         let found = networks
             .disparity(rectified(&left), rectified(&right))
@@ -263,8 +372,7 @@ mod tests {
             "stereo = { factor = 2.0, both_ways = false }",
         )
         .expect("settings");
-        let other =
-            Networks::open_with(&runtime, Some(&stereo), Some(&segmentation)).expect("both");
+        let other = Networks::open_with(&runtime, &files).expect("all");
         assert_ne!(other.stereo_hash(), networks.stereo_hash());
         assert_eq!(other.segmentation_hash(), networks.segmentation_hash());
     }

@@ -37,6 +37,7 @@ use self::sectors::Sectors;
 use self::views::Inputs;
 use self::walk::Walk;
 use super::device::Device;
+use super::networks::Networks;
 use super::preset::Preset;
 use crate::input::{HANDOFF, Input};
 use crate::pipeline::{Stage, StageError, Work};
@@ -70,6 +71,8 @@ pub(super) struct SplatsStage {
     pub(super) sector_views: Option<usize>,
     /// Where to train. Its name is a setting unless it is the processor: rounding differs.
     pub(super) device: Device,
+    /// For the LPIPS of held-out images.
+    pub(super) networks: Networks,
     /// Memory that may be used, bytes; not a setting, since no output depends on it.
     pub(super) memory_bytes: Option<u64>,
 }
@@ -79,6 +82,14 @@ impl SplatsStage {
         let mut config = SplatsConfig::preset(self.preset, self.steps);
         config.sectors.views = self.sector_views.unwrap_or(config.sectors.views);
         config
+    }
+
+    /// What the trained scene depends on. Networks only compare it with held-out images.
+    fn training_settings(&self) -> Value {
+        match self.device.setting() {
+            Value::Null => json!({ "config": self.config() }),
+            device => json!({ "config": self.config(), "device": device }),
+        }
     }
 }
 
@@ -100,10 +111,11 @@ impl Stage<Input> for SplatsStage {
     }
 
     fn settings(&self) -> Value {
-        match self.device.setting() {
-            Value::Null => json!({ "config": self.config() }),
-            device => json!({ "config": self.config(), "device": device }),
+        let mut settings = self.training_settings();
+        if self.networks.has_lpips() {
+            settings["lpips_network"] = self.networks.lpips_hash();
         }
+        settings
     }
 
     fn run(&self, work: &Work<'_, Input>) -> Result<(), StageError> {
@@ -135,7 +147,7 @@ impl Stage<Input> for SplatsStage {
         let checkpoints = CheckpointFiles {
             folder: work.folder(),
             version: self.version(),
-            settings: self.settings(),
+            settings: self.training_settings(),
             inputs: hashes?,
         };
         let views = walk.views();
@@ -164,6 +176,7 @@ impl Stage<Input> for SplatsStage {
             kept: &kept,
             background: &background,
             config: &config,
+            networks: &self.networks,
         };
         let record = |view| walk.record(view);
         let mut read = |sector: usize| match held_out.take() {
@@ -260,10 +273,17 @@ fn note_result(work: &Work<'_, Input>, whole: &Whole<'_>, result: &HeldOutResult
     let quality = match result.views.len() {
         0 => "no image was held out".to_owned(),
         count => format!(
-            "PSNR {:.2} dB (worst {:.2} dB) and SSIM {:.3} in {count} held-out images",
+            "PSNR {:.2} dB (worst {:.2} dB) and SSIM {:.3}{} in {count} held-out images",
             evaluation.mean_psnr_db(),
             evaluation.worst_psnr_db(),
-            evaluation.mean_ssim()
+            evaluation.mean_ssim(),
+            match result.lpips.len() {
+                0 => String::new(),
+                count => {
+                    let sum: f64 = result.lpips.iter().sum();
+                    format!(", LPIPS {:.3},", sum / count as f64)
+                }
+            }
         ),
     };
     let kept = whole.kept;

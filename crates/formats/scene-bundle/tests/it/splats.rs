@@ -82,6 +82,7 @@ fn scene() -> SplatScene {
     let held_out = HeldOut {
         psnr_db: 24.5,
         ssim: 0.81,
+        lpips: None,
     };
     SplatScene {
         degree: 1,
@@ -197,6 +198,32 @@ fn a_scene_of_two_sectors_reads_back_unchanged() {
     );
     let missing = splats::read_sector(&reader, &found, 2).unwrap_err();
     assert!(missing.to_string().contains("sector 2 of 2"), "{missing}");
+}
+
+#[test]
+fn lpips_has_a_mean_where_all_held_out_images_have_one() {
+    let (_folder, bundle) = bundle(|draft| {
+        let mut scene = scene();
+        for (view, lpips) in [(1, Some(0.25)), (2, Some(0.5))] {
+            let (psnr_db, ssim) = (24.0, 0.8);
+            scene.views[view].held_out = Some(HeldOut {
+                psnr_db,
+                ssim,
+                lpips,
+            });
+        }
+        write_of(draft, &scene, &[around(0.0), around(12.0)]).unwrap();
+    });
+    let mut found = splats::read(&reader(&bundle)).unwrap();
+    assert_eq!(found.held_out().unwrap().lpips, Some(0.375));
+    found.views[2].held_out.as_mut().unwrap().lpips = None;
+    assert_eq!(found.held_out().unwrap().lpips, None);
+    found.views[1].held_out.as_mut().unwrap().lpips = Some(f64::NAN);
+    let folder = tempfile::tempdir().unwrap();
+    let other = Bundle::create_or_open(&folder.path().join("b"), provenance()).unwrap();
+    let draft = other.begin(outputs::SPLATS).unwrap();
+    let refused = write_of(&draft, &found, &[around(0.0), around(12.0)]).unwrap_err();
+    assert!(refused.to_string().contains("not finite"), "{refused}");
 }
 
 #[test]

@@ -5,6 +5,7 @@
 //! these tests are skipped.
 
 mod library;
+mod lpips;
 mod onnx;
 mod rejections;
 mod segmentation;

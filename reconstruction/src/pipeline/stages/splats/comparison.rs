@@ -2,9 +2,10 @@
 
 use camera_models::Eye;
 use scene_bundle::outputs::splats::SplatView;
-use splats::{Renderer, Scene, TrainingView};
+use splats::{Image, Renderer, Scene, TrainingView};
 
 use crate::pipeline::StageError;
+use crate::pipeline::stages::networks::Networks;
 
 /// Width up to which comparisons are reduced, px.
 const WIDTH: u32 = 360;
@@ -66,8 +67,7 @@ pub(super) fn png(
     for row in 0..height {
         rgb.extend(&view.rgb[3 * row * width..3 * (row + 1) * width]);
         for pixel in row * width..(row + 1) * width {
-            let value = |plane: &Vec<f32>| libm::roundf(255.0 * plane[pixel]) as u8;
-            rgb.extend(image.rgb.each_ref().map(value));
+            rgb.extend(color(&image, pixel));
         }
     }
     let mut file = Vec::new();
@@ -78,4 +78,59 @@ pub(super) fn png(
     writer.write_image_data(&rgb)?;
     writer.finish()?;
     Ok(file)
+}
+
+/// LPIPS of a view, if there is a network for it. Masked pixels are those of the recorded image in
+/// both.
+pub(super) fn lpips(
+    networks: &Networks,
+    renderer: &Renderer,
+    scene: &Scene,
+    view: &TrainingView,
+) -> Result<Option<f64>, StageError> {
+    let image = renderer.render(scene, &view.camera, &view.exposure);
+    let mut rendered = view.rgb.clone();
+    let (pixels, _) = rendered.as_chunks_mut::<3>();
+    for (pixel, rgb) in pixels.iter_mut().enumerate() {
+        if view.mask.get(pixel).copied().unwrap_or(true) {
+            *rgb = color(&image, pixel);
+        }
+    }
+    networks.lpips([image.width, image.height], &view.rgb, &rendered)
+}
+
+/// A rendered color in 8 bits.
+fn color(image: &Image, pixel: usize) -> [u8; 3] {
+    let value = |plane: &Vec<f32>| libm::roundf(255.0 * plane[pixel]) as u8;
+    image.rgb.each_ref().map(value)
+}
+
+#[cfg(test)]
+mod tests {
+    use cad_transforms::RigidTransform;
+    use camera_models::{CameraModel, Distortion};
+    use splats::{Background, Camera, RenderConfig, Splats};
+
+    use super::*;
+    use crate::pipeline::stages::networks::only_mean_square;
+
+    #[test]
+    fn masked_pixels_are_equal_in_both_images_of_lpips() {
+        let Some(networks) = only_mean_square() else {
+            return;
+        };
+        let model = CameraModel::new((4, 3), [3.0, 3.0, 1.5, 1.0], Distortion::None);
+        let camera = Camera::new(model, RigidTransform::identity()).expect("a camera");
+        let scene = Scene {
+            splats: Splats::empty(0).expect("a degree"),
+            background: Background::Constant([0.0; 3]),
+        };
+        let renderer = Renderer::new(RenderConfig::default()).expect("a renderer");
+        let mut view = TrainingView::new(camera, vec![255; 3 * 12], 0);
+        let lpips = |view| lpips(&networks, &renderer, &scene, view).expect("a distance");
+        // From 1 to -1.
+        assert_eq!(lpips(&view), Some(4.0));
+        view.mask = (0..12).map(|pixel| pixel % 4 == 0).collect();
+        assert_eq!(lpips(&view), Some(1.0));
+    }
 }

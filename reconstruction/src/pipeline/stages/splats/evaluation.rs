@@ -10,6 +10,7 @@ use super::images::HeldOutImages;
 use super::output_sectors::{OutputSector, SectorBox};
 use super::sector_result::SectorResult;
 use crate::pipeline::StageError;
+use crate::pipeline::stages::networks::Networks;
 
 /// Quality in the held-out images of all sectors.
 #[derive(Debug, Default)]
@@ -19,6 +20,8 @@ pub(super) struct HeldOutResult {
     /// Of these views. The error of depth of several sectors is the mean of theirs, weighted by
     /// their numbers of views.
     pub(super) evaluation: Evaluation,
+    /// LPIPS of these views; empty without a network for it.
+    pub(super) lpips: Vec<f64>,
     /// Some of them beside the recorded images.
     pub(super) comparisons: Vec<Comparison>,
 }
@@ -31,6 +34,7 @@ pub(super) struct Whole<'a> {
     pub(super) kept: &'a [OutputSector<'a>],
     pub(super) background: &'a Background,
     pub(super) config: &'a SplatsConfig,
+    pub(super) networks: &'a Networks,
 }
 
 impl Whole<'_> {
@@ -66,6 +70,12 @@ impl Whole<'_> {
                     psnr_db: of_sector.psnr_db[k],
                     png: comparison::png(&renderer, &scene, &views[k])?,
                 });
+            }
+            if self.networks.has_lpips() {
+                for view in &views {
+                    let lpips = comparison::lpips(self.networks, &renderer, &scene, view)?;
+                    result.lpips.extend(lpips);
+                }
             }
             let weight = views.len() as f64;
             depth_errors.push([of_sector.depth_error, weight]);

@@ -44,10 +44,11 @@ pub(super) fn write_sectors(
     let mut views: Vec<SplatView> = numbers.iter().map(|number| record(*number)).collect();
     let evaluation = &held_out.evaluation;
     let results = evaluation.psnr_db.iter().zip(&evaluation.ssim);
-    for (number, (psnr_db, ssim)) in held_out.views.iter().zip(results) {
+    for (k, (number, (psnr_db, ssim))) in held_out.views.iter().zip(results).enumerate() {
         views[index(number)].held_out = Some(HeldOut {
             psnr_db: *psnr_db,
             ssim: *ssim,
+            lpips: held_out.lpips.get(k).copied(),
         });
     }
     let (background, sky) = match whole.background {

@@ -124,6 +124,9 @@ pub struct HeldOut {
     pub psnr_db: f64,
     /// Mean structural similarity over usable pixels.
     pub ssim: f64,
+    /// LPIPS (Zhang et al. 2018), 0 for equal images, by the user's network; `None` without one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub lpips: Option<f64>,
 }
 
 /// How a scene was trained.
@@ -201,13 +204,15 @@ impl SplatScene {
             .fold(0, |sum, sector| sum.saturating_add(sector.count))
     }
 
-    /// Mean PSNR and structural similarity of the held-out images, if there are any.
+    /// Means over the held-out images, if there are any.
     pub fn held_out(&self) -> Option<HeldOut> {
         let all: Vec<HeldOut> = self.views.iter().filter_map(|view| view.held_out).collect();
         let mean = |of: fn(&HeldOut) -> f64| all.iter().map(of).sum::<f64>() / all.len() as f64;
+        let lpips: Option<Vec<f64>> = all.iter().map(|view| view.lpips).collect();
         (!all.is_empty()).then(|| HeldOut {
             psnr_db: mean(|view| view.psnr_db),
             ssim: mean(|view| view.ssim),
+            lpips: lpips.map(|of| of.iter().sum::<f64>() / of.len() as f64),
         })
     }
 
@@ -294,7 +299,8 @@ impl SplatView {
             let motion = shutter.velocity_m_s.into_iter().chain(shutter.rate_rad_s);
             motion.chain([shutter.line_s])
         });
-        let result = self.held_out.iter().flat_map(|h| [h.psnr_db, h.ssim]);
+        let result = self.held_out.iter();
+        let result = result.flat_map(|h| [h.psnr_db, h.ssim].into_iter().chain(h.lpips));
         let exposure = self.exposure.as_flattened().iter().map(|v| f64::from(*v));
         if !shutter.chain(result).chain(exposure).all(f64::is_finite) {
             let found = "a number that is not finite".to_owned();

@@ -97,6 +97,7 @@ fn images_of_a_sector_are_compared_with_what_is_drawn_in_it() {
         kept: &kept,
         background: &Background::Constant([0.0; 3]),
         config: &config,
+        networks: &Networks::default(),
     };
     let drawn = |cell: usize| {
         let scene = whole.scene_around(cell).expect("a scene");

@@ -16,6 +16,7 @@ use super::super::images::HeldOutImages;
 use super::super::output_sectors::output_sectors;
 use super::super::tests::FailingDevice;
 use super::*;
+use crate::pipeline::stages::networks;
 use crate::pipeline::stages::preset::Preset;
 
 const SIZE: [u32; 2] = [48, 32];
@@ -172,6 +173,7 @@ fn evaluate(cells: &Cells, config: &SplatsConfig, sectors: &[SectorResult]) -> H
         kept: &kept,
         background: &merged_background(&parts).expect("a sky"),
         config,
+        networks: &networks::only_mean_square().unwrap_or_default(),
     };
     let views = views();
     let record = |number: usize| SplatView {
@@ -262,6 +264,16 @@ fn sectors_are_trained_by_themselves_and_resume() {
     let error = several.evaluation.depth_error;
     assert!(error < 0.008, "{error}");
     assert_eq!(several.comparisons.len(), 1);
+    // The network of the tests is the mean square of colors from -1 to 1.
+    for of in [&single, &several] {
+        let psnr_db = &of.evaluation.psnr_db;
+        for (lpips, psnr_db) in of.lpips.iter().zip(psnr_db) {
+            let db = 10.0 * libm::log10(4.0 / lpips);
+            assert!((db - psnr_db).abs() < 1e-3, "{db} dB, {psnr_db} dB");
+        }
+        assert!([0, psnr_db.len()].contains(&of.lpips.len()));
+    }
+    assert_eq!(single.lpips.len(), several.lpips.len());
 }
 
 #[test]

@@ -1,0 +1,114 @@
+//! LPIPS network: from two images to one distance (Zhang et al., The Unreasonable Effectiveness of
+//! Deep Features as a Perceptual Metric, 2018).
+
+use std::path::Path;
+
+use ort::value::TensorElementType;
+
+use crate::error::LearnedError;
+use crate::image::ImageView;
+use crate::input::Input;
+use crate::network::{Network, mismatch};
+use crate::output::Values;
+use crate::runtime::Runtime;
+use crate::settings::{InputSettings, LpipsFile, Text};
+
+const EXPECTED: &str = "one f32, such as [1, 1, 1, 1]";
+
+/// A network that compares two images, with validated inputs and output.
+#[derive(Debug)]
+pub struct LpipsNetwork {
+    network: Network,
+    /// For the recorded and for the rendered image.
+    inputs: [Input; 2],
+    images: InputSettings,
+}
+
+impl LpipsNetwork {
+    /// Opens the network of a file, with the settings of the file beside it that has the extension
+    /// `.toml` instead of `.onnx`.
+    ///
+    /// # Errors
+    /// [`LearnedError::Read`], [`LearnedError::Model`], [`LearnedError::Toml`],
+    /// [`LearnedError::Settings`], [`LearnedError::Tensor`].
+    pub fn open(runtime: &Runtime, file: &Path) -> Result<Self, LearnedError> {
+        let text = Text::beside(file)?;
+        let LpipsFile {
+            input: images,
+            lpips: settings,
+        } = text.parse()?;
+        images.validate(&text)?;
+        let network = Network::open(runtime, file, &text, settings.output.as_deref())?;
+        let inputs = network.inputs(2)?;
+        let recorded = settings.recorded.as_deref();
+        let recorded = recorded.map_or(Ok(0), |name| network.input(name))?;
+        let inputs = [recorded, 1 - recorded].map(|input| inputs[input].clone());
+        if !inputs[0].same_size(&inputs[1]) {
+            let [a, b] = inputs.each_ref().map(|input| &input.name);
+            return Err(mismatch(
+                file,
+                "the size of the inputs".to_owned(),
+                format!("two sizes, of `{a}` and `{b}`"),
+                "one".to_owned(),
+            ));
+        }
+        for input in &inputs {
+            input.validate_settings(&images, &text)?;
+        }
+        let (kind, shape) = network.output(EXPECTED)?;
+        let is_one = shape.iter().all(|length| matches!(length, -1 | 1));
+        if kind != TensorElementType::Float32 || !is_one {
+            return Err(network.unfit(EXPECTED));
+        }
+        Ok(Self {
+            network,
+            inputs,
+            images,
+        })
+    }
+
+    /// BLAKE3 of the file of the network and its settings, hexadecimal. A different hash may mean
+    /// different distances.
+    pub fn hash(&self) -> &str {
+        self.network.hash()
+    }
+
+    /// Distance of a rendered image from a recorded one of the same size; 0 for equal images.
+    ///
+    /// # Errors
+    /// [`LearnedError::Image`], [`LearnedError::Run`], and [`LearnedError::Tensor`] if the output
+    /// is not one finite number.
+    pub fn run(
+        &mut self,
+        recorded: &ImageView<'_>,
+        rendered: &ImageView<'_>,
+    ) -> Result<f64, LearnedError> {
+        let sizes = [recorded, rendered].map(|image| [image.width(), image.height()]);
+        if sizes[0] != sizes[1] {
+            let [recorded, rendered] = sizes.map(|[w, h]| format!("{w} x {h} pixels"));
+            return Err(LearnedError::Image {
+                found: format!("a rendered image of {rendered}"),
+                expected: format!("{recorded} as for the recorded image"),
+            });
+        }
+        let size = self.inputs[0].padded(recorded, self.images.multiple)?;
+        let [a, b] = &self.inputs;
+        let tensors = [(a, recorded), (b, rendered)].map(|(input, image)| {
+            let tensor = input.tensor(image, size, &self.images);
+            (input.name.as_str(), tensor)
+        });
+        let output = self.network.run(tensors.into())?;
+        match &output.values {
+            Values::Float(values) if values.len() == 1 && values[0].is_finite() => {
+                Ok(f64::from(values[0]))
+            }
+            Values::Float(values) if values.len() == 1 => {
+                Err(self.network.wrong_output(values[0].to_string(), EXPECTED))
+            }
+            _ => {
+                let found = format!("{:?}", output.shape);
+                Err(self.network.wrong_output(found, EXPECTED))
+            }
+        }
+    }
+}
