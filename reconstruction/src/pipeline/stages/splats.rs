@@ -99,7 +99,7 @@ impl Stage<Input> for SplatsStage {
     }
 
     fn version(&self) -> u32 {
-        6
+        7
     }
 
     fn inputs(&self) -> &'static [&'static str] {

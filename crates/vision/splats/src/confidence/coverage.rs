@@ -1,7 +1,5 @@
 //! What the views of a training saw of a scene.
 
-use std::collections::BTreeMap;
-
 use rayon::prelude::*;
 
 use super::config::CoverageConfig;
@@ -11,7 +9,7 @@ use super::sky::ObservedSky;
 use super::space::ObservedSpace;
 use crate::camera::Camera;
 use crate::error::SplatError;
-use crate::render::{Pass, Renderer};
+use crate::render::{Observation, Pass, PixelErrors, Renderer};
 use crate::scene::{Exposure, Plane, Scene};
 use crate::train::TrainingView;
 
@@ -40,10 +38,9 @@ pub struct Coverage {
     pub(super) sky: ObservedSky,
 }
 
-/// Sums over the pixels of a view, of one Gaussian.
+/// Sums over the pixels of all views, of one Gaussian.
 #[derive(Clone, Copy, Debug, Default)]
 struct Sums {
-    largest: f32,
     weight: f64,
     color: f64,
     depth_weight: f64,
@@ -51,13 +48,22 @@ struct Sums {
 }
 
 impl Sums {
-    fn add(&mut self, other: &Self) {
-        self.largest = self.largest.max(other.largest);
-        self.weight += other.weight;
-        self.color += other.color;
-        self.depth_weight += other.depth_weight;
-        self.depth += other.depth;
+    fn add(&mut self, of_view: &Observation) {
+        self.weight += f64::from(of_view.weight);
+        self.color += f64::from(of_view.color);
+        self.depth_weight += f64::from(of_view.depth_weight);
+        self.depth += f64::from(of_view.depth);
     }
+}
+
+/// A Gaussian in a view.
+struct SeenGaussian {
+    index: usize,
+    /// Of its mean, m.
+    depth_m: f32,
+    /// To the camera.
+    direction: Directions,
+    observation: Observation,
 }
 
 impl Coverage {
@@ -127,21 +133,18 @@ impl Coverage {
             space: ObservedSpace::new(config.voxel_m, config.range_m),
             sky: ObservedSky::none(config.sky_texels),
         };
-        let positions = &scene.splats.planes()[Plane::POSITION..];
         for number in order {
             let (view, (camera, exposure)) = (&views[number], &posed[number]);
             let pass = renderer.forward(scene, camera, exposure);
-            let center = center(camera);
-            for (index, (of_view, z)) in sums_of(renderer, &pass, view) {
-                let k = index as usize;
-                sums[k].add(&of_view);
-                if of_view.largest <= config.min_weight {
+            for of_view in seen(renderer, scene, camera, &pass, view) {
+                let k = of_view.index;
+                sums[k].add(&of_view.observation);
+                if of_view.observation.largest <= config.min_weight {
                     continue;
                 }
                 let seen = &mut coverage.gaussians[k];
-                let to_camera = [0, 1, 2].map(|axis| center[axis] - positions[axis][k]);
-                seen.directions.insert(to_camera);
-                let size_m = z / focal(camera);
+                seen.directions.insert_all(of_view.direction);
+                let size_m = of_view.depth_m / focal(camera);
                 seen.finest_m = match seen.instants {
                     0 => size_m,
                     _ => seen.finest_m.min(size_m),
@@ -212,55 +215,53 @@ pub(super) fn focal(camera: &Camera) -> f32 {
     (0.5 * (model.fx + model.fy)) as f32
 }
 
-/// Sums of each Gaussian that contributes to usable pixels of a view, with its depth.
-fn sums_of(renderer: &Renderer, pass: &Pass, view: &TrainingView) -> BTreeMap<u32, (Sums, f32)> {
+/// Gaussians that contribute to usable pixels of a view.
+fn seen(
+    renderer: &Renderer,
+    scene: &Scene,
+    camera: &Camera,
+    pass: &Pass,
+    view: &TrainingView,
+) -> Vec<SeenGaussian> {
     let image = &pass.image;
-    let usable = |pixel: usize| view.mask.get(pixel).copied().unwrap_or(true);
-    let color: Vec<f32> = (0..image.alpha.len())
-        .map(|pixel| {
-            let squares = [0, 1, 2].map(|c| {
-                let recorded = f32::from(view.rgb[3 * pixel + c]) / 255.0;
-                let error = image.rgb[c][pixel].clamp(0.0, 1.0) - recorded;
-                error * error
-            });
-            (squares[0] + squares[1] + squares[2]) / 3.0
-        })
-        .collect();
-    let depth = |pixel: usize| {
-        let measured = view.depth_m.get(pixel).copied().filter(|d| *d > 0.0)?;
+    let color = (0..image.alpha.len()).into_par_iter().map(|pixel| {
+        let squares = [0, 1, 2].map(|c| {
+            let recorded = f32::from(view.rgb[3 * pixel + c]) / 255.0;
+            let error = image.rgb[c][pixel].clamp(0.0, 1.0) - recorded;
+            error * error
+        });
+        (squares[0] + squares[1] + squares[2]) / 3.0
+    });
+    let depth = (0..image.alpha.len()).into_par_iter().map(|pixel| {
+        let Some(measured) = view.depth_m.get(pixel).filter(|d| **d > 0.0) else {
+            return f32::NAN;
+        };
         let rendered = image.median_depth_m[pixel];
-        Some(match rendered.is_finite() {
+        match rendered.is_finite() {
             true => ((rendered - measured).abs() / measured).min(1.0),
             false => 1.0,
-        })
+        }
+    });
+    let errors = PixelErrors {
+        usable: &view.mask,
+        color: &color.collect::<Vec<f32>>(),
+        depth: &depth.collect::<Vec<f32>>(),
     };
-    let tiles: Vec<Vec<(u32, Sums, f32)>> = (0..pass.tiles())
-        .into_par_iter()
-        .map(|tile| {
-            let entries = pass.entries(tile);
-            let mut all: Vec<_> = entries.map(|(k, z)| (k, Sums::default(), z)).collect();
-            renderer.visit_weights(pass, tile, |at| {
-                if !usable(at.pixel) {
-                    return;
-                }
-                let sums = &mut all[at.entry].1;
-                let weight = f64::from(at.weight);
-                sums.largest = sums.largest.max(at.weight);
-                sums.weight += weight;
-                sums.color += weight * f64::from(color[at.pixel]);
-                if let Some(error) = depth(at.pixel) {
-                    sums.depth_weight += weight;
-                    sums.depth += weight * f64::from(error);
-                }
-            });
-            all.retain(|(_, sums, _)| sums.weight > 0.0);
-            all
+    let center = center(camera);
+    let positions = &scene.splats.planes()[Plane::POSITION..];
+    let observed = renderer.observe(camera, pass, &errors).into_par_iter();
+    observed
+        .filter(|(_, _, observation)| observation.weight > 0.0)
+        .map(|(index, depth_m, observation)| {
+            let index = index as usize;
+            let mut direction = Directions::default();
+            direction.insert([0, 1, 2].map(|axis| center[axis] - positions[axis][index]));
+            SeenGaussian {
+                index,
+                depth_m,
+                direction,
+                observation,
+            }
         })
-        .collect();
-    let mut of_view: BTreeMap<u32, (Sums, f32)> = BTreeMap::new();
-    for (index, sums, z) in tiles.into_iter().flatten() {
-        let entry = of_view.entry(index).or_insert((Sums::default(), z));
-        entry.0.add(&sums);
-    }
-    of_view
+        .collect()
 }

@@ -3,7 +3,8 @@ use camera_models::{CameraModel, Distortion};
 
 use super::*;
 use crate::config::RenderConfig;
-use crate::render::Renderer;
+use crate::lanes::Level;
+use crate::render::{PixelErrors, Renderer};
 use crate::scene::{Background, Exposure, Scene, Splat, Splats};
 use crate::train::TrainingView;
 
@@ -109,6 +110,61 @@ fn weights_sum_to_the_alpha_of_the_image() {
         assert!(expected.is_nan() || (depth[pixel] / alpha - expected).abs() < 1e-3 * expected);
     }
     assert!(alpha.iter().any(|alpha| *alpha > 0.9));
+}
+
+#[test]
+fn observations_are_sums_of_weights() {
+    let (renderer, scene) = (renderer(), walls());
+    let camera = camera([0.5, 0.2, 0.3], 0.4);
+    let pass = renderer.forward(&scene, &camera, &Exposure::NONE);
+    let plane = |stream| {
+        let values = 0..camera.pixels() as u64;
+        let values = values.map(|pixel| counter_random::uniform(3, stream, pixel) as f32);
+        values.collect::<Vec<f32>>()
+    };
+    let [color, depth] = [0, 1].map(plane);
+    let depth: Vec<f32> = depth
+        .into_iter()
+        .map(|v| if v < 0.2 { f32::NAN } else { v })
+        .collect();
+    let usable: Vec<bool> = plane(2).iter().map(|v| *v > 0.3).collect();
+    let errors = PixelErrors {
+        usable: &usable,
+        color: &color,
+        depth: &depth,
+    };
+    let mut expected = vec![[0.0_f32; 5]; scene.splats.len()];
+    for tile in 0..pass.tiles() {
+        let entries: Vec<(u32, f32)> = pass.entries(tile).collect();
+        renderer.visit_weights(&pass, tile, |at| {
+            if !usable[at.pixel] {
+                return;
+            }
+            let of = &mut expected[entries[at.entry].0 as usize];
+            of[0] = of[0].max(at.weight);
+            of[1] += at.weight;
+            of[2] += at.weight * color[at.pixel];
+            if !depth[at.pixel].is_nan() {
+                of[3] += at.weight;
+                of[4] += at.weight * depth[at.pixel];
+            }
+        });
+    }
+    let reference = renderer.observe(&camera, &pass, &errors);
+    let mut visible = 0;
+    for (index, _, of) in &reference {
+        let found = [of.largest, of.weight, of.color, of.depth_weight, of.depth];
+        for (found, expected) in found.iter().zip(expected[*index as usize]) {
+            let difference = (found - expected).abs();
+            assert!(difference < 1e-5 + 1e-4 * expected, "{found} {expected}");
+        }
+        visible += usize::from(of.weight > 0.0);
+    }
+    assert!(visible > 300, "{visible}");
+    for level in Level::all() {
+        let other = renderer.clone().with_level(level);
+        assert_eq!(other.observe(&camera, &pass, &errors), reference);
+    }
 }
 
 #[test]

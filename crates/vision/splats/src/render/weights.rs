@@ -1,7 +1,7 @@
 //! Weights of single Gaussians at pixels: the blending of a tile once more, in scalar code.
 //!
 //! Contract: the same order, ends and thresholds as the blending of an image, up to rounding. Slow;
-//! for what is gathered once after a training and for measures of single images.
+//! for measures of single images, and to compare `observe` with.
 
 use super::forward::{Pass, Renderer};
 use super::view::TILE;

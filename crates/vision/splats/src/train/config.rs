@@ -142,6 +142,9 @@ config! {
         /// Steps of both of them before they are compared. Fewer and the halves of a split Gaussian
         /// have not parted.
         pub check_steps: usize = 200,
+        /// Held-out views in which they are compared, at most. The differences are paired, so that
+        /// more of them change little.
+        pub check_views: usize = 64,
         /// Checks in a row without gain that end growth. One is not enough: a scene that has not
         /// converged gains from neither.
         pub failed_checks: usize = 2,

@@ -14,6 +14,9 @@ use crate::error::SplatError;
 
 /// Smallest number of held-out views for a check.
 const MIN_VIEWS: usize = 4;
+/// Seed and stream of random numbers of the choice of held-out views.
+const SEED: u64 = 1;
+const STREAM: u64 = 0x6865_6c64;
 
 /// A comparison of two scenes that differ in their number of Gaussians.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -277,14 +280,15 @@ fn check(
     let mut same = trainer.clone();
     let mut larger = trainer.clone();
     larger.grow(config.growth.check_share);
-    let mut evaluations = [Evaluation::default(), Evaluation::default()];
-    for (trainer, evaluation) in [&mut same, &mut larger].into_iter().zip(&mut evaluations) {
+    let compared = chosen(held_out, config.growth.check_views);
+    let mut psnr_db = [Vec::new(), Vec::new()];
+    for (trainer, psnr_db) in [&mut same, &mut larger].into_iter().zip(&mut psnr_db) {
         trainer.set_growth(false);
         run(trainer, config.growth.check_steps, device)?;
-        *evaluation = trainer.evaluate(held_out);
+        *psnr_db = trainer.psnr_db(&compared);
     }
     let splats = [&same, &larger].map(|trainer| trainer.scene().splats.len());
-    let (mean, error) = paired(&evaluations[0].psnr_db, &evaluations[1].psnr_db);
+    let (mean, error) = paired(&psnr_db[0], &psnr_db[1]);
     let has_grown = splats[1] > splats[0];
     // A gain is proportional to the logarithm of the number. Where more were removed than split
     // there is none.
@@ -299,11 +303,23 @@ fn check(
     Ok(GrowthCheck {
         step,
         splats,
-        psnr_db: evaluations.map(|evaluation| evaluation.mean_psnr_db()),
+        psnr_db: psnr_db.map(|of| of.iter().sum::<f64>() / of.len() as f64),
         gain_db: mean * per_tenth,
         upper_gain_db,
         continues,
     })
+}
+
+/// Some of the views, at random and always the same: at equal distances they could be those of one
+/// camera.
+fn chosen(views: &[TrainingView], most: usize) -> Vec<&TrainingView> {
+    let mut order: Vec<usize> = (0..views.len()).collect();
+    if views.len() > most {
+        order.sort_by_key(|view| counter_random::bits(SEED, STREAM, *view as u64));
+        order.truncate(most.max(MIN_VIEWS));
+        order.sort_unstable();
+    }
+    order.into_iter().map(|view| &views[view]).collect()
 }
 
 /// Mean of paired differences and its standard error.
@@ -313,4 +329,30 @@ fn paired(a: &[f64], b: &[f64]) -> (f64, f64) {
     let mean = differences().sum::<f64>() / n;
     let squares: f64 = differences().map(|d| (d - mean) * (d - mean)).sum();
     (mean, (squares / (n - 1.0).max(1.0) / n).sqrt())
+}
+
+#[cfg(test)]
+mod tests {
+    use cad_transforms::RigidTransform;
+    use camera_models::{CameraModel, Distortion};
+
+    use super::*;
+    use crate::camera::Camera;
+
+    #[test]
+    fn views_of_a_check_are_of_all_cameras() {
+        let model = CameraModel::new((1, 1), [1.0, 1.0, 0.0, 0.0], Distortion::None);
+        let camera = Camera::new(model, RigidTransform::identity()).unwrap();
+        let view = |instant| TrainingView::new(camera.clone(), vec![0; 3], instant);
+        let views: Vec<TrainingView> = (0..384).map(view).collect();
+        assert_eq!(chosen(&views[..64], 64).len(), 64);
+        let chosen = chosen(&views, 64);
+        assert_eq!(chosen.len(), 64);
+        assert!(chosen.is_sorted_by(|a, b| a.instant < b.instant));
+        // Three cameras with two images each, in turn.
+        for image in 0..6 {
+            let count = chosen.iter().filter(|view| view.instant % 6 == image);
+            assert!((6..18).contains(&count.count()), "image {image}");
+        }
+    }
 }

@@ -9,7 +9,7 @@ use rayon::prelude::*;
 use super::adam::{Adam, Rates, corrections, update};
 use super::codec::{Codec, State, broken};
 use super::config::TrainConfig;
-use super::evaluate::Evaluation;
+use super::evaluate::{Evaluation, psnr_db};
 use super::exposures::Exposures;
 use super::grow::{self, Growth, Round};
 use super::loss::{self, Loss};
@@ -244,6 +244,17 @@ impl Trainer {
     /// If a buffer of a view does not fit its image.
     pub fn evaluate(&self, views: &[TrainingView]) -> Evaluation {
         Evaluation::new(&self.renderer, &self.scene, views)
+    }
+
+    /// PSNR of views, dB.
+    pub(super) fn psnr_db(&self, views: &[&TrainingView]) -> Vec<f64> {
+        let of = |view: &&TrainingView| {
+            let image = self
+                .renderer
+                .render(&self.scene, &view.camera, &view.exposure);
+            psnr_db(&image, view)
+        };
+        views.iter().map(of).collect()
     }
 
     /// The scene.
