@@ -310,16 +310,17 @@ fn check(
     })
 }
 
-/// Some of the views, at random and always the same: at equal distances they could be those of one
-/// camera.
+/// At most that many of the views, always the same: one at random of each of equal parts. At equal
+/// distances they could be those of one camera.
 fn chosen(views: &[TrainingView], most: usize) -> Vec<&TrainingView> {
-    let mut order: Vec<usize> = (0..views.len()).collect();
-    if views.len() > most {
-        order.sort_by_key(|view| counter_random::bits(SEED, STREAM, *view as u64));
-        order.truncate(most.max(MIN_VIEWS));
-        order.sort_unstable();
-    }
-    order.into_iter().map(|view| &views[view]).collect()
+    let parts = views.len().min(most.max(MIN_VIEWS));
+    let first = |part: usize| part * views.len() / parts;
+    let one = |part: usize| {
+        let length = first(part + 1) - first(part);
+        let number = counter_random::bits(SEED, STREAM, part as u64) % length as u64;
+        &views[first(part) + number as usize]
+    };
+    (0..parts).map(one).collect()
 }
 
 /// Mean of paired differences and its standard error.
@@ -345,14 +346,18 @@ mod tests {
         let camera = Camera::new(model, RigidTransform::identity()).unwrap();
         let view = |instant| TrainingView::new(camera.clone(), vec![0; 3], instant);
         let views: Vec<TrainingView> = (0..384).map(view).collect();
-        assert_eq!(chosen(&views[..64], 64).len(), 64);
-        let chosen = chosen(&views, 64);
-        assert_eq!(chosen.len(), 64);
-        assert!(chosen.is_sorted_by(|a, b| a.instant < b.instant));
+        let instants = |views, most| -> Vec<u32> {
+            let chosen: Vec<&TrainingView> = chosen(views, most);
+            chosen.iter().map(|view| view.instant).collect()
+        };
+        assert!(instants(&views[..64], 64).into_iter().eq(0..64));
+        assert!(instants(&[], 64).is_empty());
+        let chosen = instants(&views, 64);
+        assert!(chosen.iter().map(|view| view / 6).eq(0..64));
         // Three cameras with two images each, in turn.
         for image in 0..6 {
-            let count = chosen.iter().filter(|view| view.instant % 6 == image);
-            assert!((6..18).contains(&count.count()), "image {image}");
+            let count = chosen.iter().filter(|view| *view % 6 == image).count();
+            assert!((4..=20).contains(&count), "{count} of image {image}");
         }
     }
 }
