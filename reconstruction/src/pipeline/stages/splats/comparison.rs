@@ -127,7 +127,8 @@ mod tests {
         };
         let renderer = Renderer::new(RenderConfig::default()).expect("a renderer");
         let mut view = TrainingView::new(camera, vec![255; 3 * 12], 0);
-        let lpips = |view| lpips(&networks, &renderer, &scene, view).expect("a distance");
+        let lpips =
+            |view: &TrainingView| lpips(&networks, &renderer, &scene, view).expect("a distance");
         // From 1 to -1.
         assert_eq!(lpips(&view), Some(4.0));
         view.mask = (0..12).map(|pixel| pixel % 4 == 0).collect();
