@@ -272,19 +272,20 @@ fn note_result(work: &Work<'_, Input>, whole: &Whole<'_>, result: &HeldOutResult
     let evaluation = &result.evaluation;
     let quality = match result.views.len() {
         0 => "no image was held out".to_owned(),
-        count => format!(
-            "PSNR {:.2} dB (worst {:.2} dB) and SSIM {:.3}{} in {count} held-out images",
-            evaluation.mean_psnr_db(),
-            evaluation.worst_psnr_db(),
-            evaluation.mean_ssim(),
-            match result.lpips.len() {
-                0 => String::new(),
+        count => {
+            let [psnr_db, worst_db] = [evaluation.mean_psnr_db(), evaluation.worst_psnr_db()];
+            let ssim = evaluation.mean_ssim();
+            let others = match result.lpips.len() {
+                0 => format!(" and SSIM {ssim:.3}"),
                 count => {
-                    let sum: f64 = result.lpips.iter().sum();
-                    format!(", LPIPS {:.3},", sum / count as f64)
+                    let lpips = result.lpips.iter().sum::<f64>() / count as f64;
+                    format!(", SSIM {ssim:.3} and LPIPS {lpips:.3}")
                 }
-            }
-        ),
+            };
+            format!(
+                "PSNR {psnr_db:.2} dB (worst {worst_db:.2} dB){others} in {count} held-out images"
+            )
+        }
     };
     let kept = whole.kept;
     let views: BTreeSet<usize> = kept
