@@ -13,6 +13,7 @@ mod input;
 mod lpips;
 mod network;
 mod output;
+mod pair;
 mod runtime;
 mod segmentation;
 mod settings;

@@ -7,11 +7,11 @@ use ort::value::TensorElementType;
 
 use crate::error::LearnedError;
 use crate::image::ImageView;
-use crate::input::Input;
-use crate::network::{Network, mismatch};
+use crate::network::Network;
 use crate::output::Values;
+use crate::pair::ImagePair;
 use crate::runtime::Runtime;
-use crate::settings::{InputSettings, LpipsFile, Text};
+use crate::settings::{LpipsFile, Text};
 
 const EXPECTED: &str = "one f32, such as [1, 1, 1, 1]";
 
@@ -19,9 +19,7 @@ const EXPECTED: &str = "one f32, such as [1, 1, 1, 1]";
 #[derive(Debug)]
 pub struct LpipsNetwork {
     network: Network,
-    /// For the recorded and for the rendered image.
-    inputs: [Input; 2],
-    images: InputSettings,
+    pair: ImagePair,
 }
 
 impl LpipsNetwork {
@@ -39,32 +37,15 @@ impl LpipsNetwork {
         } = text.parse()?;
         images.validate(&text)?;
         let network = Network::open(runtime, file, &text, settings.output.as_deref())?;
-        let inputs = network.inputs(2)?;
-        let recorded = settings.recorded.as_deref();
-        let recorded = recorded.map_or(Ok(0), |name| network.input(name))?;
-        let inputs = [recorded, 1 - recorded].map(|input| inputs[input].clone());
-        if !inputs[0].same_size(&inputs[1]) {
-            let [a, b] = inputs.each_ref().map(|input| &input.name);
-            return Err(mismatch(
-                file,
-                "the size of the inputs".to_owned(),
-                format!("two sizes, of `{a}` and `{b}`"),
-                "one".to_owned(),
-            ));
-        }
-        for input in &inputs {
-            input.validate_settings(&images, &text)?;
-        }
+        let names = [settings.recorded.as_deref(), None];
+        let roles = ["recorded", "rendered"];
+        let pair = ImagePair::new(&network, file, roles, names, (images, &text))?;
         let (kind, shape) = network.output(EXPECTED)?;
         let is_one = shape.iter().all(|length| matches!(length, -1 | 1));
         if kind != TensorElementType::Float32 || !is_one {
             return Err(network.unfit(EXPECTED));
         }
-        Ok(Self {
-            network,
-            inputs,
-            images,
-        })
+        Ok(Self { network, pair })
     }
 
     /// BLAKE3 of the file of the network and its settings, hexadecimal. A different hash may mean
@@ -83,21 +64,8 @@ impl LpipsNetwork {
         recorded: &ImageView<'_>,
         rendered: &ImageView<'_>,
     ) -> Result<f64, LearnedError> {
-        let sizes = [recorded, rendered].map(|image| [image.width(), image.height()]);
-        if sizes[0] != sizes[1] {
-            let [recorded, rendered] = sizes.map(|[w, h]| format!("{w} x {h} pixels"));
-            return Err(LearnedError::Image {
-                found: format!("a rendered image of {rendered}"),
-                expected: format!("{recorded} as for the recorded image"),
-            });
-        }
-        let size = self.inputs[0].padded(recorded, self.images.multiple)?;
-        let [a, b] = &self.inputs;
-        let tensors = [(a, recorded), (b, rendered)].map(|(input, image)| {
-            let tensor = input.tensor(image, size, &self.images);
-            (input.name.as_str(), tensor)
-        });
-        let output = self.network.run(tensors.into())?;
+        let (_, tensors) = self.pair.tensors([recorded, rendered])?;
+        let output = self.network.run(tensors)?;
         match &output.values {
             Values::Float(values) if values.len() == 1 && values[0].is_finite() => {
                 Ok(f64::from(values[0]))

@@ -7,11 +7,11 @@ use ort::value::TensorElementType;
 
 use crate::error::LearnedError;
 use crate::image::ImageView;
-use crate::input::Input;
 use crate::network::Network;
 use crate::output::Values;
+use crate::pair::ImagePair;
 use crate::runtime::Runtime;
-use crate::settings::{InputSettings, StereoFile, StereoSettings, Text};
+use crate::settings::{StereoFile, StereoSettings, Text};
 use crate::sigma;
 
 const EXPECTED: &str = "f32 of [1, 1, rows, columns] or [1, rows, columns], as large as the inputs";
@@ -20,9 +20,7 @@ const EXPECTED: &str = "f32 of [1, 1, rows, columns] or [1, rows, columns], as l
 #[derive(Debug)]
 pub struct StereoNetwork {
     network: Network,
-    left: Input,
-    right: Input,
-    images: InputSettings,
+    pair: ImagePair,
     settings: StereoSettings,
 }
 
@@ -42,30 +40,8 @@ impl StereoNetwork {
         images.validate(&text)?;
         settings.validate(&text)?;
         let network = Network::open(runtime, file, &text, settings.output.as_deref())?;
-        let inputs = network.inputs(2)?;
-        let named = |name: &Option<String>| name.as_deref().map(|n| network.input(n)).transpose();
-        let (left, right) = match (named(&settings.left)?, named(&settings.right)?) {
-            (None, None) => (0, 1),
-            (Some(left), None) => (left, 1 - left),
-            (None, Some(right)) => (1 - right, right),
-            (Some(left), Some(right)) => (left, right),
-        };
-        if left == right {
-            let found = "one name for both `left` and `right`".to_owned();
-            return Err(text.invalid(found, "two names"));
-        }
-        let [left, right] = [left, right].map(|input| inputs[input].clone());
-        if !left.same_size(&right) {
-            let found = format!("two sizes, of `{}` and `{}`", left.name, right.name);
-            return Err(crate::network::mismatch(
-                file,
-                "the size of the inputs".to_owned(),
-                found,
-                "one".to_owned(),
-            ));
-        }
-        left.validate_settings(&images, &text)?;
-        right.validate_settings(&images, &text)?;
+        let names = [settings.left.as_deref(), settings.right.as_deref()];
+        let pair = ImagePair::new(&network, file, ["left", "right"], names, (images, &text))?;
         let (kind, shape) = network.output(EXPECTED)?;
         let fits = matches!(shape[..], [] | [-1 | 1, _, _] | [-1 | 1, -1 | 1, _, _]);
         if kind != TensorElementType::Float32 || !fits {
@@ -73,9 +49,7 @@ impl StereoNetwork {
         }
         Ok(Self {
             network,
-            left,
-            right,
-            images,
+            pair,
             settings,
         })
     }
@@ -102,13 +76,6 @@ impl StereoNetwork {
         left: &ImageView<'_>,
         right: &ImageView<'_>,
     ) -> Result<DisparityMap, LearnedError> {
-        let size = |p: &ImageView<'_>| format!("{} x {} pixels", p.width(), p.height());
-        if [left.width(), left.height()] != [right.width(), right.height()] {
-            return Err(LearnedError::Image {
-                found: format!("a right image of {}", size(right)),
-                expected: format!("{} as for the left image", size(left)),
-            });
-        }
         let width = left.width();
         let found = self.one_way(left, right)?;
         if !self.settings.both_ways {
@@ -133,12 +100,8 @@ impl StereoNetwork {
         left: &ImageView<'_>,
         right: &ImageView<'_>,
     ) -> Result<Vec<f32>, LearnedError> {
-        let size = self.left.padded(left, self.images.multiple)?;
-        let tensors = [(&self.left, left), (&self.right, right)].map(|(input, image)| {
-            let tensor = input.tensor(image, size, &self.images);
-            (input.name.as_str(), tensor)
-        });
-        let output = self.network.run(tensors.into())?;
+        let (size, tensors) = self.pair.tensors([left, right])?;
+        let output = self.network.run(tensors)?;
         let [columns, rows] = size;
         let fits =
             matches!(output.shape[..], [1, r, c] | [1, 1, r, c] if [r, c] == [rows, columns]);

@@ -64,10 +64,11 @@ fn a_short_training_renders_held_out_instants() {
         let options = ViewOptions::STAGE;
         let row = exam.run("", "balanced", &config, &options).unwrap();
         assert!(row["error"].is_null(), "{row}");
-        // So few steps leave a scene transparent: most pixels are holes.
+        // So few steps leave a scene transparent: most pixels are holes, which are errors of 1.
         let depth_error = |name: &str| row["instants"][name].as_f64().unwrap();
-        assert!(depth_error("known_depth_error") < 0.2, "{row}");
-        assert!(depth_error("depth_error") <= 1.0, "{row}");
+        let known = depth_error("known_depth_error");
+        assert!(known < 0.2, "{row}");
+        assert!(depth_error("depth_error") > known, "{row}");
         assert!(row["off_path"].as_array().unwrap().len() > 2, "{row}");
         scores.push(row["instants"]["psnr_db"].as_f64().unwrap());
     }
