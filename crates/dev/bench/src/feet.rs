@@ -102,6 +102,8 @@ pub(crate) fn run(args: &[String]) -> Result<()> {
     if !options.walks.is_empty() {
         walks.retain(|walk| options.walks.iter().any(|name| walk.name == name));
     }
+    let stamp = stamp::stamp("feet", args)?;
+    let source = stamp::source(&stamp);
     let mut rows = earlier_rows(&options)?;
     for rig in &RIGS {
         if options.only.as_ref().is_none_or(|only| only == rig.name) {
@@ -109,19 +111,18 @@ pub(crate) fn run(args: &[String]) -> Result<()> {
             let is_wanted = |walk: &&Walk| !options.kept || images::are_kept(folder, rig, walk);
             let walks: Vec<Walk> = walks.iter().filter(is_wanted).copied().collect();
             let keeps = options.keep || options.kept;
-            rows.extend(of_rig(rig, &walks, keeps.then_some(folder))?);
+            rows.extend(of_rig(rig, &walks, keeps.then_some(folder), &source)?);
         }
     }
     if options.tuning {
         return Ok(());
     }
-    let stamp = stamp::stamp("feet", args)?;
     let report = json!({
         "benchmark": "feet",
         "stamp": stamp,
         "rows": rows,
     });
-    let mut files = charts::draw(&rows, &stamp::line(&report["stamp"]));
+    let mut files = charts::draw(&rows);
     files.push((FILE.to_owned(), format!("{report:#}\n")));
     results::write(&options.out, files)
 }
@@ -141,7 +142,7 @@ fn earlier_rows(options: &Options) -> Result<Vec<Row>> {
 }
 
 /// A row for each walk, and rows of all walks in one kind of gait.
-fn of_rig(rig: &FeetRig, walks: &[Walk], kept: Option<&Path>) -> Result<Vec<Row>> {
+fn of_rig(rig: &FeetRig, walks: &[Walk], kept: Option<&Path>, source: &str) -> Result<Vec<Row>> {
     let mut rows = Vec::new();
     let mut sums = [gait::Errors::default(), gait::Errors::default()];
     let mut counts = [gait::Row::default(), gait::Row::default()];
@@ -156,6 +157,7 @@ fn of_rig(rig: &FeetRig, walks: &[Walk], kept: Option<&Path>) -> Result<Vec<Row>
         all.hidden += gait.hidden;
         all.invented += gait.invented;
         let row = Row {
+            source: source.to_owned(),
             rig: rig.name.to_owned(),
             walk: walk.name.to_owned(),
             is_held_out: walk.wearer.is_some(),
@@ -174,6 +176,7 @@ fn of_rig(rig: &FeetRig, walks: &[Walk], kept: Option<&Path>) -> Result<Vec<Row>
             continue;
         }
         let row = Row {
+            source: source.to_owned(),
             rig: rig.name.to_owned(),
             walk: name.to_owned(),
             is_held_out: kind == 1,

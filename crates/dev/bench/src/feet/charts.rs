@@ -16,7 +16,8 @@ const SWING_GOAL_MM: f64 = 30.0;
 const RECALL_GOAL: f64 = 99.0;
 
 /// Name and SVG of every chart.
-pub(super) fn draw(rows: &[Row], stamp: &str) -> Vec<(String, String)> {
+pub(super) fn draw(rows: &[Row]) -> Vec<(String, String)> {
+    let sources = sources(rows);
     let charts = [
         ("recall", recall(rows)),
         ("contacts", contacts(rows)),
@@ -32,10 +33,22 @@ pub(super) fn draw(rows: &[Row], stamp: &str) -> Vec<(String, String)> {
         ("sigmas", sigmas(rows)),
     ];
     let svg = |(name, chart): (&str, Chart)| {
-        let chart = chart.footnote(stamp);
+        let chart = chart.footnote(&sources);
         (format!("feet-{name}.svg"), chart.to_svg(SIZE[0], SIZE[1]))
     };
     charts.into_iter().map(svg).collect()
+}
+
+/// Where the results of each rig are from: they may be of different runs.
+fn sources(rows: &[Row]) -> String {
+    let measured = GOALS.iter().filter(|(rig, _)| has(rows, rig));
+    let parts = measured.map(|(rig, _)| {
+        let own = rows.iter().filter(|row| row.rig == *rig);
+        let mut sources: Vec<&str> = own.map(|row| row.source.as_str()).collect();
+        sources.dedup();
+        format!("{rig}: {}", sources.join(", "))
+    });
+    parts.collect::<Vec<_>>().join("; ")
 }
 
 /// Walks on the horizontal axis, and bars for each rig.

@@ -7,6 +7,8 @@ use super::{detections, gait};
 /// Results of a walk with a rig, or of several walks.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub(super) struct Row {
+    /// Commit and date.
+    pub(super) source: String,
     pub(super) rig: String,
     pub(super) walk: String,
     pub(super) is_held_out: bool,
